@@ -660,6 +660,16 @@ def test_meshes_are_drawn_with_fewer_triangles_in_the_same_place(page):
     assert centre == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
 
 
+# Whether the band of the levels below the strip has a colour in it.
+HAS_COLOUR = """(wanted) => {
+    const canvas = document.getElementById("curves");
+    const { width, height } = canvas;
+    const { data } = canvas.getContext("2d").getImageData(0, height - 2, width, 1);
+    const isLike = (x) => wanted.every((part, k) => data[4 * x + k] === part);
+    return [...Array(width).keys()].some(isLike);
+}"""
+
+
 def test_silence_is_said_and_ends(feed, page):
     feed.show("CLEAR")
     wait_for_text(page, "level", "CLEAR")
@@ -670,6 +680,9 @@ def test_silence_is_said_and_ends(feed, page):
     page.reload()
     wait_for_text(page, "silence", "last: CLEAR")
     assert page.inner_text("#level") == "NO DATA"
+    # Moments that came before the colours have them all the same.
+    clear = np.rint(255.0 * parse_colour(LEVEL_COLOURS["dark"][-1]))
+    page.wait_for_function(HAS_COLOUR, arg=clear.astype(int).tolist())
     feed.publisher.publish_status(StatusMessage(text="compiling kernel 12 of about 40"))
     wait_for_text(page, "silence", "compiling kernel 12 of about 40")
     feed.publisher.publish_status(StatusMessage(text="", version=FEED_VERSION + 1))

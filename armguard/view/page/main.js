@@ -82,10 +82,10 @@ function showDepth(depth) {
 const own = {
   legend: (scene) => {
     panels.showScene(scene);
-    colours.show(scene.palette);
-    layers.limit(scene);
     strip.levels = scene.levels;
     strip.isWhole = scene.is_recorded || film !== null;
+    colours.show(scene.palette); // draws the strip anew, whose moments came before
+    layers.limit(scene);
     element("time").hidden = panels.isModel;
     layers.apply();
     if (panels.isModel) showDepth(Math.min(Number(readAddress().get("depth") || 0), scene.tree.length - 1));
