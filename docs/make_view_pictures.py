@@ -267,6 +267,9 @@ def take_latched(stage: Stage) -> None:
         effects=("latched",),
         contact_time=0.0,
         speed_scale=0.0,
+        since=now - 1.3,
+        cause="",
+        rises_at=None,
     )
     remedy = ReasonKind.JOINT_STATE_GAP.remedy
     latches = (Latch(reason=reason, since=now - 1.3, remedy=remedy),)
