@@ -125,7 +125,11 @@ class VerdictRule:
             self._last_at[STOP] = self._low_at = now
             self._causes[STOP] = NO_CAUSE._replace(since=now)
         self._raw = raw
-        self._begins = raw is not CLEAR and not now - self._last_at[raw] < self.rise_delay
+        # Anew as well where a lower level was earned since: then that was what held.
+        last = self._last_at[raw]
+        self._begins = raw is not CLEAR and (
+            not now - last < self.rise_delay or max(self._last_at[: raw + 1]) > last
+        )
         self._last_at[raw] = now
         if raw is not CLEAR:
             self._low_at = now

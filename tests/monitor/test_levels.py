@@ -229,6 +229,11 @@ def test_a_held_level_keeps_what_began_it_and_says_when_it_may_rise():
     # Another STOP has a cause of its own.
     assert go(11.0, 9.0, other, standing=True) is None
     assert go(11.1, 9.0)[0] == other
+    # A level that a lower one interrupted begins anew after that.
+    for now, contact_time, reason in [(12.0, 1.04, one), (12.1, 0.5, one), (12.2, 1.05, other)]:
+        go(now, contact_time, reason)
+    go(12.4, 1.06, one)
+    assert go(12.5, 9.0) == (other, 1.05, 1.0, 12.2, pytest.approx(12.4 + HOLD))
     rule.reset()
     assert go(0.0, 9.0) == (None, math.inf, math.inf, 0.0, HOLD)
     assert "reset; may rise in 0.3 s" in go(0.0, 9.0).describe(Level.STOP, 0.0)
