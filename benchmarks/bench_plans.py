@@ -10,8 +10,8 @@ what a world is, and by which premises it keeps. Worlds are shared out among arm
 joints that may leave a piece or not. Nothing must touch an arm that moves, and the piece that an
 arm is on must always be among those that are kept.
 
-A control follows, a twentieth as long: an arm that takes every piece for safe that is in order.
-Contacts have to be found there.
+A control follows, a twentieth as long: an arm that takes every piece for safe that is in order, and
+obeys no STOP. Contacts have to be found there.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> tuple[Score, Score | None]:
     found = hunt(options.arms, options.worlds, options.seed, trusts_all=False)
     if options.no_control:
         return found, None
-    print("control, an arm that takes every piece for safe that is in order:", flush=True)
+    print("control, an arm that takes every piece for safe, and obeys no STOP:", flush=True)
     worlds = max(round(CONTROL_SHARE * options.worlds), 1)
     return found, hunt(options.arms, worlds, options.seed, trusts_all=True)
 
