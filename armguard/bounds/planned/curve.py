@@ -182,11 +182,6 @@ class CurvePeaks(NamedTuple):
     """Greatest speed, as `find_top_speeds` has it, in [rad]/[s] or [m]/[s]."""
 
 
-def make_peaks(joints: int) -> CurvePeaks:
-    """Peaks of so many joints, to be filled."""
-    return CurvePeaks(*np.zeros((2, joints)))
-
-
 @kernel
 def find_excess(
     times: FloatArray,

@@ -7,11 +7,11 @@ from armguard.bounds.planned.curve import (
     POSITION,
     RATE,
     VELOCITY,
+    CurvePeaks,
     curve_range,
     evaluate_curve,
     find_excess,
     find_top_speeds,
-    make_peaks,
     speed_range,
 )
 from support.plan_cases import Hermite
@@ -91,7 +91,7 @@ def dense_peaks(samples):
 
 def test_excess_is_found_where_dense_samples_find_it():
     random = np.random.default_rng(3)
-    peaks = make_peaks(3)
+    peaks = CurvePeaks(*np.zeros((2, 3)))
     for _ in range(100):
         samples = random_samples(random)
         low, high, pace, bend = dense_peaks(samples)
@@ -107,7 +107,7 @@ def test_excess_is_found_where_dense_samples_find_it():
 
 
 def test_velocities_apart_and_velocities_beside_positions_are_told_apart():
-    times, peaks = np.array([0.0, 0.1]), make_peaks(3)
+    times, peaks = np.array([0.0, 0.1]), CurvePeaks(*np.zeros((2, 3)))
     limits = -FREE, FREE, FREE, np.full(3, 2.0)
     still, moved = np.zeros((2, 3)), np.zeros((2, 3))
     moved[1, 2] = 0.5
@@ -117,7 +117,7 @@ def test_velocities_apart_and_velocities_beside_positions_are_told_apart():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e308])
 def test_nonsense_is_never_fine(bad):
-    peaks = make_peaks(3)
+    peaks = CurvePeaks(*np.zeros((2, 3)))
     for place in range(2):
         samples = random_samples(np.random.default_rng(4))
         samples[1 + place][3, 1] = bad
@@ -125,7 +125,7 @@ def test_nonsense_is_never_fine(bad):
 
 
 def test_times_too_close_to_tell_are_never_fine():
-    times, peaks = np.array([0.0, 1e-200]), make_peaks(3)
+    times, peaks = np.array([0.0, 1e-200]), CurvePeaks(*np.zeros((2, 3)))
     q = np.zeros((2, 3))
     q[1] = 1e-3
     assert find_excess(times, q, np.zeros((2, 3)), -FREE, FREE, FREE, FREE, peaks)[0] != FINE
