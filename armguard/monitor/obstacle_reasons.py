@@ -98,5 +98,8 @@ def _as_reason(fault: Fault) -> Reason:
     else:
         kind = ReasonKind.CALL_REFUSED
     verb = "" if fault.kind in _IN_WORDS else "is "
-    detail = f"{fault.field} {verb}{fault.value}: {fault.kind}"
+    detail = f"{fault.field} {verb}{fault.value}"
+    if fault.kind is not FaultKind.FORGOTTEN:
+        # Of that one the reason's own kind says it.
+        detail += f": {fault.kind}"
     return Reason(kind, fault.id or fault.source, detail)

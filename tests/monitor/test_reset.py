@@ -93,7 +93,10 @@ def test_a_silent_source_that_nobody_named_is_forgotten_until_it_speaks():
     assert subjects(verdicts[-1], ReasonKind.SOURCE_SILENT) == {"camrea"}
     monitor.reset()
     verdicts = run(table, monitor, 150, 50)
-    assert subjects(verdicts[0], FORGOTTEN) == {"camrea"}
+    (reason,) = [one for one in verdicts[0].reasons if one.kind is FORGOTTEN]
+    assert str(reason) == (
+        "forgotten by a reset: camrea (source that was not named, and is silent)"
+    )
     assert verdicts[-1].level is Level.CLEAR
     table.update([], 2.0, source="camrea")
     assert run(table, monitor, 200, 1)[0].level is Level.CLEAR
