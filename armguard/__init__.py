@@ -17,6 +17,8 @@ next piece of trajectory, a `Plan`, asks `monitor.commit(plan)` whether it is sa
 writes all that a monitor is told and all that it answers, for `armguard replay`.
 """
 
+from typing import TYPE_CHECKING
+
 from armguard import bounds, contact, people
 from armguard.bounds import Plan, stop_on_path
 from armguard.contact import Certificate, certificate
@@ -35,9 +37,26 @@ from armguard.monitor import (
 )
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import ArmObstacles, CloudFilter, SeparationRule
-from armguard.recording import Recorder
 from armguard.robot import OperatingLimits, Robot
 from armguard.verdict import Held, Level, Reason, ReasonKind, Verdict
+
+if TYPE_CHECKING:
+    from armguard.lab.choice import choose_settings
+    from armguard.recording.recorder import Recorder
+else:
+
+    def __getattr__(name):
+        """What only some need is loaded when it is first asked for."""
+        if name == "Recorder":
+            from armguard.recording.recorder import Recorder
+
+            return Recorder
+        if name == "choose_settings":
+            from armguard.lab.choice import choose_settings
+
+            return choose_settings
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
 
 __all__ = [
     "ArmObstacles",
@@ -71,6 +90,7 @@ __all__ = [
     "Verdict",
     "bounds",
     "certificate",
+    "choose_settings",
     "contact",
     "people",
     "stop_on_path",

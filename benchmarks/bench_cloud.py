@@ -36,13 +36,13 @@ import time
 
 import numpy as np
 
+from armguard.lab.simulation import JointTrajectory
+from armguard.lab.simulation.bodies import BODIES, POINTS, publish_person
+from armguard.lab.simulation.person import ProceduralPerson
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
 from armguard.robot import Kinematics, Robot
-from armguard.simulation import JointTrajectory
-from armguard.simulation.bodies import BODIES, POINTS, publish_person
-from armguard.simulation.person import ProceduralPerson
 from armguard.verdict import Level
 from scene.crowds import WAYPOINTS
 from scene.machine import describe_machine

@@ -35,8 +35,8 @@ from armguard.app.loop import RateLoop, RunRecording
 from armguard.app.realtime import request_realtime
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
+from armguard.lab.simulation import ProceduralPerson
 from armguard.recording import Recorder
-from armguard.simulation import ProceduralPerson
 from armguard.streams import Edge, FaultLog, VerdictPublisher
 from armguard.streams.messages import JointsMessage, encode
 from armguard.view import FramePublisher, launch

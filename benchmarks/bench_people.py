@@ -5,7 +5,7 @@
     them there python benchmarks/bench_people.py mine-1.csv mine-2.csv                          #
     people of your own
 
-Reads motion captures as Vicon exports them, at 30 Hz or more. `armguard.people.measurement` says
+Reads motion captures as Vicon exports them, at 30 Hz or more. `armguard.lab.people` says
 which samples count and how accelerations are estimated.
 """
 
@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.people import HALF_WINDOW
+from armguard.lab.simulation.bodies import POINTS
+from armguard.lab.simulation.recordings import read_vicon_csv
 from armguard.people import BOUNDS, BoundReport, PartBounds, check_bounds, measure_motion
-from armguard.people.measurement import HALF_WINDOW
-from armguard.simulation.bodies import POINTS
-from armguard.simulation.recordings import read_vicon_csv
 
 BEGIN = "<!-- made by benchmarks/bench_people.py -->"
 END = "<!-- end of what benchmarks/bench_people.py made -->"

@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from rich.progress import Progress
 
+from armguard.lab.simulation import keeps_within, random_trajectory
 from armguard.robot import Robot
-from armguard.simulation import keeps_within, random_trajectory
 from scene.contestants import NOT_OBEYED, Scope, make_rules
 from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage

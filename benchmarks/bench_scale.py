@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.lab.simulation.arm import SimulatedArm
+from armguard.lab.simulation.bodies import BODIES, POINTS
+from armguard.lab.simulation.trajectory import JointTrajectory
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
-from armguard.simulation.arm import SimulatedArm
-from armguard.simulation.bodies import BODIES, POINTS
-from armguard.simulation.trajectory import JointTrajectory
 from armguard.verdict import Level
 from scene.beside import MIDDLE, SIZE, Person
 from scene.clearance import Leaves

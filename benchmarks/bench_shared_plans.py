@@ -21,8 +21,8 @@ import numpy as np
 import pinocchio
 
 import armguard
-from armguard.simulation.arm import SimulatedArm
-from armguard.simulation.trajectory import random_trajectory
+from armguard.lab.simulation.arm import SimulatedArm
+from armguard.lab.simulation.trajectory import random_trajectory
 from armguard.verdict import Level
 
 PERIOD, TELL_TICKS, SHARE_TICKS = 0.004, 2, 24

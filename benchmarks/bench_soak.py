@@ -25,8 +25,8 @@ import msgspec
 import numpy as np
 import zmq
 
-from armguard.app.demo import nodes
-from armguard.app.demo.launcher import write_cell
+from armguard.lab.demo import nodes
+from armguard.lab.demo.launcher import write_cell
 from armguard.streams import VerdictReader
 from armguard.view.messages import FrameMessage, decode_message
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import armguard
 from armguard.bridges.mujoco import MujocoJoints, MujocoObstacles, add_arm
-from armguard.simulation import JointTrajectory, SimulatedArm
+from armguard.lab.simulation import JointTrajectory, SimulatedArm
 
 LEFT = [1.2, 0.2, 0.2, -1.8, 0.0, 2.0, 0.785]
 RIGHT = [-1.2, 0.3, -0.2, -1.6, 0.0, 1.9, 0.785]  # [rad]

@@ -17,7 +17,7 @@ import pinocchio
 import armguard
 from armguard.app.loop import Durations
 from armguard.app.view_feed import MonitorFeed
-from armguard.simulation import JointTrajectory, SimulatedArm
+from armguard.lab.simulation import JointTrajectory, SimulatedArm
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 

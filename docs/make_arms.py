@@ -16,9 +16,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from armguard.app.new_robot.command import Wishes, make_folder, prepare
-from armguard.app.new_robot.questions import Asker
 from armguard.exceptions import ArmguardError
+from armguard.lab.new_robot.command import Wishes, make_folder, prepare
+from armguard.lab.new_robot.questions import Asker
 from armguard.robot import Robot
 
 FOLDER = Path(__file__).resolve().parent

@@ -23,13 +23,13 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from armguard import Monitor, Obstacles, Robot
-from armguard.app.demo import nodes
-from armguard.app.demo.launcher import FLOOR
-from armguard.app.demo.places import find_place
 from armguard.app.loop import Durations
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
-from armguard.simulation import SimulatedArm, keeps_within, random_trajectory
+from armguard.lab.demo import nodes
+from armguard.lab.demo.launcher import FLOOR
+from armguard.lab.demo.places import find_place
+from armguard.lab.simulation import SimulatedArm, keeps_within, random_trajectory
 from armguard.verdict import ReasonKind
 from armguard.view import (
     FrameMessage,

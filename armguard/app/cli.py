@@ -95,7 +95,7 @@ class Demo:
 
     def run(self) -> int:
         """Run the demo."""
-        from armguard.app.demo.launcher import run_demo
+        from armguard.lab.demo.launcher import run_demo
 
         return run_demo(
             robot=self.robot,
@@ -287,7 +287,7 @@ class Commission:
 
     def run(self) -> int:
         """Find it."""
-        from armguard.app.commission import run_commission
+        from armguard.lab.commission.command import run_commission
 
         return run_commission(self.file, self.out)
 
@@ -399,7 +399,7 @@ class Show:
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        from armguard.app.show import show_arm
+        from armguard.lab.show import show_arm
 
         return show_arm(
             self.robot, package_dirs=self.package_dirs, port=self.port, open_browser=self.open
@@ -438,9 +438,9 @@ class Cover:
 
     def run(self) -> int:
         """Do what the options ask for."""
-        from armguard.app import covers
+        from armguard.lab.covers import run
 
-        return covers.run(
+        return run(
             self.robot,
             limits=self.limits,
             package_dirs=self.package_dirs,
@@ -517,7 +517,7 @@ class NewRobot:
 
     def run(self) -> int:
         """Ask, fit, write, and show what it costs."""
-        from armguard.app.new_robot.command import Wishes, run_new
+        from armguard.lab.new_robot.command import Wishes, run_new
 
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         del said["action"]
@@ -545,7 +545,7 @@ class Faults:
     def run(self) -> int:
         """Make the campaign; the exit code is 1 where something is not as it must be."""
         from armguard.app.terminal import print_json
-        from armguard.studies.faults.command import run_faults
+        from armguard.lab.faults.command import run_faults
 
         return run_faults(self.only, self.out, print_json)
 
@@ -590,10 +590,10 @@ class Tradeoff:
 
     def run(self) -> int:
         """Measure and write the report."""
-        from armguard.app import tradeoff
-        from armguard.app.study_facts import Workers
+        from armguard.lab.study_facts import Workers
+        from armguard.lab.tradeoff.command import run
 
-        return tradeoff.run(
+        return run(
             self.cell,
             person=self.person,
             robot=self.robot,
@@ -632,11 +632,11 @@ class Extremes:
 
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
-        from armguard.app import extremes
-        from armguard.app.study_facts import Workers
+        from armguard.lab.extremes.command import run
+        from armguard.lab.study_facts import Workers
 
         workers = Workers(self.dask, self.workers, self.resume)
-        return extremes.run(self.out, seed=self.seed, is_small=self.small, workers=workers)
+        return run(self.out, seed=self.seed, is_small=self.small, workers=workers)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -661,9 +661,9 @@ class Paper:
 
     def run(self) -> int:
         """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
-        from armguard.app import paper
+        from armguard.lab.paper.command import run
 
-        return paper.run(
+        return run(
             self.out,
             periods=self.period,
             seed=self.seed,
@@ -701,7 +701,7 @@ class Robots:
 
     def run(self) -> int:
         """Print the list."""
-        from armguard.app.covers import list_known
+        from armguard.lab.covers import list_known
 
         return list_known()
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+import armguard
 from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
@@ -30,7 +31,6 @@ from armguard.monitor.monitor import Monitor
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm_obstacles import ArmObstacles
-from armguard.recording.recorder import Recorder
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
 from armguard.streams.edge import (
@@ -279,7 +279,7 @@ class RunRecording:
 
     def __init__(
         self,
-        recorder: Recorder,
+        recorder: armguard.Recorder,
         faults: FaultLog,
         observe: Callable[[RateLoop, Verdict], None] | None,
         tell: Callable[[str], None] | None,
@@ -459,7 +459,7 @@ def run(
     authenticator = authenticator or own_authenticator
     try:
         if record is not None:
-            log = RunRecording(Recorder(record, monitor), edge.faults, observe, tell, rest)
+            log = RunRecording(armguard.Recorder(record, monitor), edge.faults, observe, tell, rest)
             observe, rest = log.observe, log.rest
         inputs: list[Input] = []
         bound: dict[str, str] = {}

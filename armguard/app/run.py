@@ -28,7 +28,6 @@ from armguard.exceptions import ArmguardError
 from armguard.jit import Progress, Work, telling
 from armguard.jit.progress import PATIENCE
 from armguard.monitor.monitor import Monitor
-from armguard.recording.recorder import check_new
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
@@ -101,6 +100,9 @@ def supervise(
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
     cell = Cell.load(cell_file, arm)
     if record is not None:
+        # Loaded where a recording is asked for, by no other run.
+        from armguard.recording.recorder import check_new
+
         check_new(record)
     obstacles_address = obstacles_address or OBSTACLES_ADDRESS
     verdicts_address = verdicts_address or VERDICTS_ADDRESS

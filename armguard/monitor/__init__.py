@@ -3,11 +3,11 @@
 Its judge, the decision to stop, committed pieces, and what can be asked of it between ticks.
 """
 
-from armguard.monitor.choice import Choice, TrialTick
 from armguard.monitor.explain import Explanation, Gain
 from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import PairReport, Snapshot
+from armguard.monitor.trial import Choice, TrialTick
 from armguard.verdict import PlanVerdict
 
 __all__ = [

@@ -12,6 +12,7 @@ import copy
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, Never
 
 import pinocchio
@@ -21,7 +22,6 @@ from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
-from armguard.monitor.choice import Choice, TrialTick, choose
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
@@ -50,6 +50,7 @@ from armguard.monitor.settings import (
     read_settings,
     refuse_settings,
 )
+from armguard.monitor.trial import Choice, TrialTick
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.exemptions import Exemption, Exemptions
 from armguard.pairs.ignored import IgnoredPairs
@@ -249,7 +250,7 @@ class Monitor:
         cls,
         robot: Robot,
         obstacles: Obstacles,
-        trial: Iterable[TrialTick],
+        trial: Iterable[TrialTick] | str | Path | None = None,
         *,
         keeps_cover: bool = False,
         **settings: Any,
@@ -276,7 +277,8 @@ class Monitor:
                 it was.
             obstacles: The table, in which nothing was told yet but obstacles that stand still.
             trial: Joint states, and what is told of obstacles between them; some seconds of the
-                motions and the people that are to be expected, nearest moments included.
+                motions and the people that are to be expected, nearest moments included. Or the
+                path of a recording; None: a simulated person comes up to the arm at work.
             keeps_cover: Whether the robot's cover stays as it is.
             **settings: As in `Monitor`; what is given here stands and is not chosen.
 
@@ -288,7 +290,10 @@ class Monitor:
                 has something else than `TrialTick`, or a schedule other than "deadline" is given,
                 of which there is nothing to choose.
         """
-        choice = choose(cls, robot, obstacles, trial, settings, keeps_cover=keeps_cover)
+        # What tries settings stands above this package, and is loaded for a trial alone.
+        from armguard import choose_settings
+
+        choice = choose_settings(robot, obstacles, trial, keeps_cover=keeps_cover, **settings)
         whole = robot.cover
         try:
             if choice.level is not None:

@@ -9,8 +9,22 @@ names parts by patterns of ids.
 other people work. docs/people.md says how, and what was found.
 """
 
+from typing import TYPE_CHECKING
+
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
-from armguard.people.measurement import BoundReport, Motion, check_bounds, measure_motion
+
+if TYPE_CHECKING:
+    from armguard.lab.people import BoundReport, Motion, check_bounds, measure_motion
+else:
+
+    def __getattr__(name):
+        """What measures recordings is loaded when it is first asked for."""
+        if name not in ("BoundReport", "Motion", "check_bounds", "measure_motion"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from armguard.lab import people
+
+        return getattr(people, name)
+
 
 __all__ = [
     "BOUNDS",

@@ -1,7 +1,7 @@
 """Legs for a person of whom only the upper body is tracked, so that it reads as a person.
 
 They are drawn for the eye, as thin lines, and are watched by nothing: where a source reports bodies
-named as in `armguard.simulation.bodies`, two lines lead from the hip to the floor.
+named as in `armguard.lab.simulation.bodies`, two lines lead from the hip to the floor.
 """
 
 from __future__ import annotations

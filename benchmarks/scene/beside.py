@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds import Plan
+from armguard.lab.simulation.bodies import publish_person
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, Robot
-from armguard.simulation.bodies import publish_person
 
 Floats = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.bounds import IsotropicMotion
+from armguard.lab.simulation import JointTrajectory
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics
 from armguard.robot.stop_time import compute_stop_time
-from armguard.simulation import JointTrajectory
 
 RATE = 1000.0  # of ticks, [Hz]
 LATENCY, REACTION_TIME = 0.002, 0.02  # the monitor's defaults, [s]

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.jit import kernel
-from armguard.simulation.recordings import MARKER_ERROR
+from armguard.lab.simulation.recordings import MARKER_ERROR
 from scene.clearance import Leaves, nearest_on_segment
 from scene.recorded_people import NAMES, RADII, People
 from scene.stop_rules import (

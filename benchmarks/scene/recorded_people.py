@@ -18,14 +18,14 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit import FloatArray, kernel, pack
+from armguard.lab.simulation import Recording
+from armguard.lab.simulation.bodies import BODIES, POINTS
+from armguard.lab.simulation.recordings import MARKER_ERROR, estimate_velocities
 from armguard.obstacles import Obstacles
 from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import States, make_states
 from armguard.people import BOUNDS, find_bounds, measure_motion
-from armguard.simulation import Recording
-from armguard.simulation.bodies import BODIES, POINTS
-from armguard.simulation.recordings import MARKER_ERROR, estimate_velocities
 
 MEMORY = 1.0
 """How far back, in [s], a clean sample agrees with all others."""

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.bounds import Plan
+from armguard.lab.simulation.recordings import MARKER_ERROR
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
-from armguard.simulation.recordings import MARKER_ERROR
 from armguard.verdict import Effect, Level, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.recorded_people import RADII, People

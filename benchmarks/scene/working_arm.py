@@ -1,8 +1,8 @@
 """An arm at its work, whose trajectory's time stops while it brakes.
 
-`armguard.simulation.SimulatedArm` goes on to the next waypoint after a stop. Here the arm returns
-to where it left its path and goes on from there, so that the work that a stop has cost is what its
-clock along the path has fallen behind.
+`armguard.lab.simulation.SimulatedArm` goes on to the next waypoint after a stop. Here the arm
+returns to where it left its path and goes on from there, so that the work that a stop has cost is
+what its clock along the path has fallen behind.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import copy
 
 import numpy as np
 
+from armguard.lab.simulation import JointTrajectory
 from armguard.robot import Robot
-from armguard.simulation import JointTrajectory
 
 ACCELERATION_SHARE = 0.25
 """No joint speeds up by more than this share of its acceleration limit."""

@@ -83,7 +83,7 @@ def test_help_tells_the_addresses_that_count_where_none_is_given(capsys):
         assert address in out
 
 
-def test_a_running_cell_loads_no_study_no_simulation_and_no_bridge():
+def test_a_running_cell_loads_nothing_of_the_lab_no_bridge_and_no_recorder():
     program = (
         "import sys\n"
         "import armguard.app.run\n"
@@ -99,7 +99,7 @@ def test_a_running_cell_loads_no_study_no_simulation_and_no_bridge():
     )
     loaded = told.stdout.split()
     assert "armguard.monitor.monitor" in loaded, told.stderr
-    wings = ("armguard.studies", "armguard.simulation", "armguard.bridges")
+    wings = ("armguard.lab", "armguard.recording", "armguard.bridges")
     assert not [name for name in loaded if name.startswith(wings)]
 
 

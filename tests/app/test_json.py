@@ -5,13 +5,14 @@ import json
 
 import pytest
 
-from armguard.app import extremes, paper
 from armguard.app.cli import COMMANDS, main
-from armguard.studies.extremes.line import SOUND, Line
-from armguard.studies.faults import command
-from armguard.studies.faults.campaign import CampaignReport
-from armguard.studies.faults.truth import Closest
-from armguard.studies.tradeoff import growth, study
+from armguard.lab.extremes import command as extremes
+from armguard.lab.extremes.line import SOUND, Line
+from armguard.lab.faults import command
+from armguard.lab.faults.campaign import CampaignReport
+from armguard.lab.faults.truth import Closest
+from armguard.lab.paper import command as paper
+from armguard.lab.tradeoff import growth, study
 from support import commissioned_runs
 from support.urdf_arms import two_links
 

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.simulation.arm import SimulatedArm
+from armguard.lab.simulation.bodies import POINTS, publish_person
+from armguard.lab.simulation.trajectory import JointTrajectory
 from armguard.monitor import Monitor
 from armguard.monitor.rising_scale import STEADY_TIME, RisingScale
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
-from armguard.simulation.arm import SimulatedArm
-from armguard.simulation.bodies import POINTS, publish_person
-from armguard.simulation.trajectory import JointTrajectory
 from armguard.verdict import Level
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, see, steps
 

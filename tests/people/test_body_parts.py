@@ -3,9 +3,9 @@ import math
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.simulation.bodies import BODIES
 from armguard.obstacles import Obstacles
 from armguard.people import BOUNDS, PATTERNS, find_bounds, list_bounds
-from armguard.simulation.bodies import BODIES
 
 
 def test_every_bound_is_finite_and_says_how_often_it_holds_and_whence():

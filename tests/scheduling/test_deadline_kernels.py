@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from armguard.contact import earliest_contact_pair
+from armguard.lab.extremes.arms import make_arm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED, accept_at
@@ -22,7 +23,6 @@ from armguard.scheduling.deadline_kernels import (
 from armguard.scheduling.scheduler import Tick
 from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
 from armguard.scheduling.tournament import entries_of, set_value
-from armguard.studies.extremes.arms import make_arm
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from armguard.recording.commission.observations import Observations, StopCommand
+from armguard.lab.commission.observations import Observations, StopCommand
 
 FINE = 1e-4  # [s]
 

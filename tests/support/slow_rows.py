@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from armguard.exceptions import ArmguardError
-from armguard.studies.extremes.rows import measure_line
+from armguard.lab.extremes.rows import measure_line
 
 PATIENCE = 120.0
 """For another process, in [s]: more than any machine needs."""

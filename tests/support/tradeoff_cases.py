@@ -4,13 +4,13 @@ import functools
 
 import numpy as np
 
+from armguard.lab.tradeoff.contestant import Track
+from armguard.lab.tradeoff.figures import Figures
+from armguard.lab.tradeoff.growth import Grown
+from armguard.lab.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
+from armguard.lab.tradeoff.scene import Message, Site, make_scene
+from armguard.lab.tradeoff.study import Outcome, Study
 from armguard.obstacles import Obstacles
-from armguard.studies.tradeoff.contestant import Track
-from armguard.studies.tradeoff.figures import Figures
-from armguard.studies.tradeoff.growth import Grown
-from armguard.studies.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
-from armguard.studies.tradeoff.scene import Message, Site, make_scene
-from armguard.studies.tradeoff.study import Outcome, Study
 from support.panda_monitor import ranged_panda
 
 

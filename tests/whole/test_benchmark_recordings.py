@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from armguard.contact import earliest_contact_pair
+from armguard.lab.simulation import keeps_within, random_trajectory
 from armguard.obstacles import Obstacles
 from armguard.pairs import compute_separation
 from armguard.robot import OperatingLimits, Robot
-from armguard.simulation import keeps_within, random_trajectory
 
 PERIOD = 0.01
 

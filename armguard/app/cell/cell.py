@@ -34,7 +34,6 @@ from armguard.app.cell.schema import (
     parse_cell,
 )
 from armguard.exceptions import ArmguardError, CellError, RobotError
-from armguard.monitor.choice import TrialTick
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
@@ -43,7 +42,6 @@ from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
-from armguard.recording.trial import read_trial
 from armguard.robot.description import (
     DESCRIPTION,
     find_robot,
@@ -359,23 +357,12 @@ class Cell:
         settings = self.monitor_settings(robot)
         if self.tables.settings != AUTO:
             return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
-        key = "settings" if self.tables.settings_from is None else "settings_from"
-        trial = self._attempt(key, self._make_trial, robot, settings)
+        recording = self.tables.settings_from
+        key, trial = "settings", None
+        if recording is not None:
+            key, trial = "settings_from", self._folder / recording
         choose = functools.partial(Monitor.auto, keeps_cover=self.keeps_cover, **settings)
         return self._attempt(key, choose, robot, obstacles, trial)
-
-    def _make_trial(self, robot: Robot, settings: Mapping[str, Any]) -> list[TrialTick]:
-        """What settings are chosen by."""
-        # Studies and simulation are loaded for a trial alone, not by every cell that runs.
-        from armguard.studies.tradeoff.contestant import RATE
-        from armguard.studies.tradeoff.scene import Site
-        from armguard.studies.tradeoff.trial import list_ticks, make_visit
-
-        rate = float(settings.get("rate", RATE))
-        if self.tables.settings_from is not None:
-            return read_trial(self._folder / self.tables.settings_from, robot, rate)
-        site = Site(robot, self.make_obstacles, settings, tuple(self.sources))
-        return list_ticks(make_visit(site), rate)
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""

@@ -1,0 +1,343 @@
+"""What a scene requires: the cheapest settings whose verdicts cannot be told from the finest's.
+
+Every setting on the ladder is sound, so choosing among them is a question of price and caution,
+never of safety: no link, obstacle, source or pair is left out by any of them. Each is tried on the
+same joint states and the same messages, on a table of its own, and what it says is held against
+what the finest says: every pair evaluated in every tick.
+
+The price is counted in evaluations, since time differs from machine to machine and from run to run:
+the same trial gives the same choice.
+
+Links that cannot be reached are no setting. The engine asks first what the whole arm cannot leave,
+then what each link cannot leave (`pairs.contact_time`), for each new state of an obstacle again; a
+link that this proves to be out of reach costs two evaluations of its obstacle and no more. A trial
+tells which links that was.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.lab.recorded_trial import read_trial
+from armguard.lab.tradeoff.contestant import RATE
+from armguard.lab.tradeoff.scene import Site
+from armguard.lab.trial import list_ticks, make_visit
+from armguard.monitor.monitor import Monitor
+from armguard.monitor.trial import Choice, TrialTick
+from armguard.obstacles.obstacles import Obstacles
+from armguard.pairs.scene import REACH
+from armguard.robot.robot import Robot
+from armguard.scheduling.schedule import DEADLINE
+from armguard.verdict import Level
+
+SAME_LEVEL = 0.99
+"""Share of the ticks with the finest's level, at least, of what cannot be told from it."""
+
+SAME_SCALE = 0.01
+"""Difference of the speed scales, on average over the ticks, at most."""
+
+AS_NEAR = 0.002
+"""Where nothing is as good: shares of equal levels that differ by no more count as the same."""
+
+AS_CHEAP = 1.02
+"""Prices that differ by no more than this factor count as the same."""
+
+STALENESS = (0.0, 0.02, 0.05, 0.1, 0.25, 0.5)
+MOTIONS = ("joint", "isotropic")
+
+ROOM, LEAST_BUDGET = 4, 5000
+"""A budget is so many times what the dearest tick of the trial took, and no less than this."""
+
+USUAL: Mapping[str, Any] = {"motion": "joint", "max_staleness": 0.1}
+"""What a monitor has that is told nothing; kept where a trial shows nothing."""
+
+FINEST_SCHEDULE = "full"
+"""Of the finest: every pair in every tick."""
+
+CHOSEN = (*USUAL, "budget")
+"""Settings of a monitor that are chosen, unless they are given."""
+
+LOOK = 50
+"""Ticks between two looks at which links can be reached."""
+
+MOST_PAIRS = 1 << 16
+"""That are looked at."""
+
+
+class _Rungs(NamedTuple):
+    """One candidate."""
+
+    settings: Mapping[str, Any]
+    level: int | None = None
+
+    def change(self, **settings: Any) -> _Rungs:
+        return self._replace(settings={**self.settings, **settings})
+
+
+class _Outcome(NamedTuple):
+    """What a candidate said, tick by tick, and how that compares."""
+
+    rungs: _Rungs
+    levels: NDArray[np.int64]
+    scales: NDArray[np.float64]
+    evaluated: NDArray[np.int64]
+    unreached: frozenset[int]
+    """Numbers of the links that nothing came within reach of, where that was looked for."""
+    same_level: float = 1.0
+    scale_difference: float = 0.0
+
+    @property
+    def price(self) -> float:
+        return float(self.evaluated.mean())
+
+    @property
+    def is_same(self) -> bool:
+        return self.same_level >= SAME_LEVEL and self.scale_difference <= SAME_SCALE
+
+
+def choose_settings(
+    robot: Robot,
+    obstacles: Obstacles,
+    trial: Iterable[TrialTick] | str | Path | None = None,
+    *,
+    keeps_cover: bool = False,
+    **given: Any,
+) -> Choice:
+    """Try settings, and choose the cheapest that cannot be told from the finest.
+
+    One axis after the other, each with what was chosen on those before: `max_staleness`, level of
+    the cover, motion model. Of settings that cost the same the finer one is chosen. The budget is
+    what the dearest tick took, with room to spare. Where no setting is as good as the finest, the
+    nearest to it is chosen, and a reason says so; where the finest says one level alone, nothing
+    but STOP or nothing but CLEAR, a trial shows nothing, and what is usual stays.
+
+    Args:
+        robot: The arm; it stays as it is.
+        obstacles: The table, in which nothing was told but obstacles that stand still; it stays as
+            it is.
+        trial: What is judged: ticks; a recording, of which the part counts in which levels changed
+            most often; None: a simulated person who comes up to the arm at work.
+        keeps_cover: Whether all levels of the robot's cover stand as well.
+        **given: Settings of the monitor that stand; the finest's too, but for a budget: it has
+            none.
+
+    Raises:
+        ArmguardError: A setting is unusable, the table was told already, or the trial is empty,
+            unreadable, or has something else than ticks.
+    """
+    if trial is None or isinstance(trial, str | Path):
+        trial = _make_trial(robot, obstacles, trial, given)
+    ticks = _list_ticks(trial)
+    if not obstacles.is_untouched:
+        raise ArmguardError(
+            "obstacles",
+            "were told already",
+            expected="none but those that stand still: settings are tried from the start",
+        )
+    schedule = given.get("schedule", DEADLINE)
+    if schedule != DEADLINE:
+        raise ArmguardError(
+            "schedule",
+            f"is {schedule!r}" if isinstance(schedule, str) else "is one of the application's own",
+            expected=f'"{DEADLINE}" where settings are chosen: it alone has them all',
+        )
+    # What verdicts carry beside their answer is not compared, and takes time.
+    fixed = {**given, "certify": False, "separation": None}
+    usual = {name: value for name, value in USUAL.items() if name not in given}
+    whole = _Rungs({**usual, "schedule": FINEST_SCHEDULE, "budget": None})
+    finest = _run(robot, obstacles, ticks, fixed, whole, looks=True)
+
+    def attempt(rungs: _Rungs) -> _Outcome:
+        outcome = _run(robot, obstacles, ticks, fixed, rungs)
+        return outcome._replace(
+            same_level=float((outcome.levels == finest.levels).mean()),
+            scale_difference=float(np.abs(outcome.scales - finest.scales).mean()),
+        )
+
+    best = attempt(_Rungs(usual))
+    budget, story = None, []
+    shows = len(np.unique(finest.levels)) >= 2
+    if shows:
+        for axis, candidates in _list_axes(robot, given, keeps_cover=keeps_cover):
+            outcomes = [
+                best if rungs == best.rungs else attempt(rungs) for rungs in candidates(best.rungs)
+            ]
+            best = _pick(outcomes)
+            story.append(_explain(axis, best, outcomes))
+        if "budget" not in given:
+            most = int(best.evaluated.max())
+            budget = max(LEAST_BUDGET, 1 << max(ROOM * most - 1, 0).bit_length())
+            story.append(f"budget {budget}: the dearest tick took {most} evaluations")
+    return _conclude(robot, best, finest, given, budget, story, shows=shows)
+
+
+def _make_trial(
+    robot: Robot, obstacles: Obstacles, recording: str | Path | None, given: Mapping[str, Any]
+) -> list[TrialTick]:
+    rate = float(given.get("rate", RATE))
+    if recording is not None:
+        return read_trial(recording, robot, rate)
+    site = Site(robot, lambda: copy.deepcopy(obstacles), given, tuple(obstacles.source_names))
+    return list_ticks(make_visit(site), rate)
+
+
+def _list_ticks(trial: Iterable[TrialTick]) -> list[TrialTick]:
+    expected = "joint states to try settings on, each a TrialTick"
+    if not isinstance(trial, Iterable):
+        raise ArmguardError("trial", f"is {trial!r}", expected=expected)
+    ticks = list(trial)
+    if not ticks:
+        raise ArmguardError("trial", "has no ticks", expected=expected)
+    for number, tick in enumerate(ticks):
+        if not isinstance(tick, TrialTick):
+            raise ArmguardError(
+                f"trial[{number}]", f"is a {type(tick).__name__}", expected=expected
+            )
+        if not (tick.tell is None or callable(tick.tell)):
+            raise ArmguardError(
+                f"trial[{number}].tell", f"is {tick.tell!r}", expected="a function, or None"
+            )
+    return ticks
+
+
+def _list_axes(
+    robot: Robot, given: Mapping[str, Any], *, keeps_cover: bool
+) -> list[tuple[str, Callable[[_Rungs], list[_Rungs]]]]:
+    """What can be chosen, axis by axis: from what was chosen before to the candidates.
+
+    Those come first that are preferred at the same price.
+    """
+    levels = max(robot.cover.levels(link) for link in robot.cover.links)
+    coarser = [] if keeps_cover else list(range(levels - 1))[::-1]
+    axes: dict[str, Callable[[_Rungs], list[_Rungs]]] = {
+        "max_staleness": lambda best: [best.change(max_staleness=one) for one in STALENESS],
+        "level": lambda best: [best, *(best._replace(level=one) for one in coarser)],
+        "motion": lambda best: [best.change(motion=one) for one in MOTIONS],
+    }
+    return [
+        (axis, candidates)
+        for axis, candidates in axes.items()
+        if axis not in given and not (axis == "level" and not coarser)
+    ]
+
+
+def _run(
+    robot: Robot,
+    obstacles: Obstacles,
+    ticks: Sequence[TrialTick],
+    fixed: Mapping[str, Any],
+    rungs: _Rungs,
+    *,
+    looks: bool = False,
+) -> _Outcome:
+    """Lead a monitor of its own through the trial, and look for links that are out of reach."""
+    arm = copy.copy(robot)
+    if rungs.level is not None:
+        arm.cover = robot.cover.cut(rungs.level)
+    monitor = Monitor(arm, copy.deepcopy(obstacles), **{**fixed, **rungs.settings})
+    said: NDArray[np.float64] = np.zeros((len(ticks), 3))
+    unreached = set(range(len(robot.links)))
+    aware_margin = monitor.settings.aware_margin
+    for number, tick in enumerate(ticks):
+        if tick.tell is not None:
+            tick.tell(monitor)
+        verdict = monitor.step(tick.stamp, tick.q, tick.v, tick.now)
+        said[number] = int(verdict.level), verdict.speed_scale, verdict.evaluated
+        if looks and number % LOOK == 0:
+            near = monitor.snapshot(pair_limit=MOST_PAIRS, row_limit=0)
+            is_far = near.pair_bounds == REACH
+            is_far &= near.pair_times > verdict.stop_time + aware_margin
+            unreached -= set((near.pairs[~is_far] % len(robot.links)).tolist())
+    return _Outcome(
+        rungs,
+        said[:, 0].astype(np.int64),
+        said[:, 1],
+        said[:, 2].astype(np.int64),
+        frozenset(unreached),
+    )
+
+
+def _pick(outcomes: Sequence[_Outcome]) -> _Outcome:
+    """The cheapest of those as good as the finest; without any, the cheapest of the nearest."""
+    pool = [one for one in outcomes if one.is_same]
+    if not pool:
+        nearest = max(one.same_level for one in outcomes) - AS_NEAR
+        pool = [one for one in outcomes if one.same_level >= nearest]
+    least = min(one.price for one in pool)
+    return next(one for one in pool if one.price <= AS_CHEAP * least)
+
+
+def _name(axis: str, rungs: _Rungs) -> str:
+    if axis == "level":
+        return "all levels of the cover" if rungs.level is None else f"level {rungs.level}"
+    return f"{axis} {rungs.settings[axis]}"
+
+
+def _explain(axis: str, best: _Outcome, outcomes: Sequence[_Outcome]) -> str:
+    """What was chosen on one axis, beside what else was tried."""
+
+    def tell(one: _Outcome) -> str:
+        return f"{_name(axis, one.rungs)}: {one.same_level:.1%} at {one.price:.3g}"
+
+    others = ", ".join(tell(one) for one in outcomes if one is not best)
+    return f"{tell(best)} evaluations a tick ({others})"
+
+
+def _conclude(
+    robot: Robot,
+    best: _Outcome,
+    finest: _Outcome,
+    given: Mapping[str, Any],
+    budget: int | None,
+    story: Sequence[str],
+    *,
+    shows: bool,
+) -> Choice:
+    """The record of a choice."""
+    settings, level = dict(best.rungs.settings), best.rungs.level
+    if "budget" not in given:
+        settings["budget"] = budget
+    unreached = finest.unreached
+    choice = Choice(
+        settings,
+        level,
+        len(best.levels),
+        best.same_level,
+        best.scale_difference,
+        best.price,
+        int(best.evaluated.max()),
+        finest.price,
+        best.is_same,
+        tuple(link for number, link in enumerate(robot.links) if number in unreached),
+        (),
+    )
+    names = [f"{name} {value}" for name, value in settings.items() if value is not None]
+    names.append("all levels of the cover" if level is None else f"level {level} of the cover")
+    kept = [name for name in CHOSEN if name in given]
+    stands = f"; {' and '.join(kept)} as given" if kept else ""
+    nearness = "cannot be told from" if best.is_same else "is the nearest that was found to"
+    levels = " and ".join(Level(one).name for one in np.unique(finest.levels))
+    near = (
+        f"{nearness} the finest: its level in {best.same_level:.1%} of {choice.ticks:,} ticks of "
+        f"{levels}, at "
+        f"{choice.price:.1%} of its evaluations ({best.price:.3g} of {finest.price:.4g} a tick)"
+    )
+    if not shows:
+        near = f"what is usual: the trial, of {choice.ticks:,} ticks, is nothing but {levels}"
+    links = "all links are watched"
+    if unreached:
+        links += f"; nothing came within reach of {', '.join(choice.out_of_reach)}"
+    reasons = [
+        f"{', '.join(names)}{stands}",
+        near,
+        links,
+        *story,
+    ]
+    return choice._replace(reasons=tuple(reasons))

@@ -1,0 +1,143 @@
+"""`armguard commission`: figures of an arm from a recording of a few stops, as lines to paste."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from rich.table import Table
+
+from armguard.app.terminal import make_console, print_json
+from armguard.exceptions import ArmguardError
+from armguard.lab.commission import (
+    Findings,
+    commission,
+    observe,
+    write_cell_lines,
+    write_robot_lines,
+)
+from armguard.lab.commission.pictures import draw
+from armguard.recording.reading import Recording
+
+CELL_FILE = "cell-lines.toml"
+ROBOT_FILE = "robot.toml"
+
+
+def run_commission(file: Path, out: Path | None) -> int:
+    """Print what a recording says, and write lines and pictures if there is a folder for them.
+
+    Args:
+        file: The recording.
+        out: A folder, made if it is not there; None: nothing is written.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ArmguardError: The recording cannot be used, or something cannot be written.
+    """
+    found = commission(observe(Recording(file)))
+    cell_lines, robot_lines = write_cell_lines(found), write_robot_lines(found)
+    written: list[Path] = []
+    if out is not None:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            for name, text in ((CELL_FILE, cell_lines), (ROBOT_FILE, robot_lines)):
+                (out / name).write_text(text, encoding="utf-8")
+                written.append(out / name)
+        except OSError as error:
+            raise ArmguardError(str(out), f"cannot be written to ({error.strerror})") from None
+        written += draw(found, out)
+    console = make_console()
+    for table in _draw_tables(found):
+        console.print(table)
+    stops = len({stop.told for stop in found.stops})
+    if not math.isnan(found.response):
+        console.print(
+            f"From a STOP to the first slowing it took {1e3 * found.response:.1f} ms at most, in "
+            f"{stops} stops. Each figure is the worst that was measured, three standard deviations "
+            f"of its measurement included. That the next stop is worse has a chance of 1 in "
+            f"{stops + 1}, if nothing else changes: make more stops, from full speed and with the "
+            "full load, for more.",
+            soft_wrap=True,
+        )
+    for line in found.missing:
+        console.print(f"not found: {line}", soft_wrap=True)
+    for title, text in (("cell file", cell_lines), ("robot.toml", robot_lines)):
+        if out is None:
+            console.print(f"\nfor the {title}:\n", soft_wrap=True)
+            console.print(text, soft_wrap=True)
+    for path in written:
+        console.print(f"written: {path}", soft_wrap=True)
+    print_json(lambda: describe(found, cell_lines, robot_lines, written))
+    return 0
+
+
+def describe(
+    found: Findings, cell_lines: str, robot_lines: str, written: list[Path]
+) -> dict[str, object]:
+    """What a recording says, for programs; in SI units.
+
+    Args:
+        found: What it says.
+        cell_lines: For the cell file.
+        robot_lines: For robot.toml.
+        written: Files that have these lines and the pictures.
+    """
+    kept = found._asdict()
+    del kept["seen"], kept["unmeasured"]  # all that was recorded; and `missing` tells of these
+    return kept | {
+        "robot": found.seen.robot.name,
+        "payload": found.seen.payload,
+        "cell_lines": cell_lines,
+        "robot_lines": robot_lines,
+        "written": written,
+    }
+
+
+def _draw_tables(found: Findings) -> list[Table]:
+    """Joints, and sources if there are any."""
+    title = f"{found.seen.robot.name}, {found.seen.payload:g} kg"
+    stops = _make_table(title, "joint", "stops", "speed", "time [ms]", "distance", "deceleration")
+    kept = _make_table("", "joint", "kept speed", "acceleration", "off position", "off velocity")
+    for name in found.seen.robot.joints:
+        entry = found.brakes[name][-1] if name in found.brakes else None
+        limits, errors = found.limits.get(name), found.errors.get(name)
+        stops.add_row(
+            name,
+            str(sum(stop.joint == name for stop in found.stops)),
+            _show(entry and entry.speed),
+            _show(entry and 1e3 * entry.stopping_time),
+            _show(entry and entry.stopping_distance),
+            _show((entry and entry.deceleration) or None),
+        )
+        kept.add_row(
+            name,
+            _show(limits and limits.velocity),
+            _show(limits and limits.acceleration),
+            _show(errors and errors.position),
+            _show(errors and errors.velocity),
+        )
+    if not found.sources:
+        return [stops, kept]
+    sources = _make_table("", "source", "rate [Hz]", "silence [ms]", "age [ms]", "spread [mm]")
+    for name, source in found.sources.items():
+        sources.add_row(
+            name,
+            _show(source.rate),
+            f"{_show(1e3 * source.usual_silence)}, at most {_show(1e3 * source.longest_silence)}",
+            f"{_show(1e3 * source.median_age)}, at most {_show(1e3 * source.oldest)}",
+            _show(1e3 * source.spread),
+        )
+    return [stops, kept, sources]
+
+
+def _make_table(title: str, first: str, *others: str) -> Table:
+    table = Table(first, title=title or None)
+    for other in others:
+        table.add_column(other, justify="right")
+    return table
+
+
+def _show(value: float | None) -> str:
+    return "–" if value is None or math.isnan(value) else f"{value:.3g}"

@@ -1,0 +1,174 @@
+"""What was found as lines of a cell file and of a robot.toml, each with what it rests on."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+
+from armguard.lab.commission.findings import Findings
+from armguard.robot.brakes import BrakeEntry
+
+_DIGITS = 4
+
+UNCHANGED = "as in the recording: not found by commissioning"
+
+
+def write_cell_lines(found: Findings) -> str:
+    """Lines for `cell.toml`: thresholds, operating limits, sources."""
+    seen = found.seen
+    lines = []
+    unmeasured = [f"# not measured: {one}" for one in found.unmeasured]
+    if not math.isnan(found.response):
+        reaction = round_up(max(0.0, found.response - seen.latency))
+        told = {stop.told for stop in found.stops}
+        told |= {one.command.told for one in found.unmeasured if math.isfinite(one.response)}
+        lines += [
+            "[thresholds]",
+            f"latency = {seen.latency:g} # as it was: a recording tells but the sum of the two",
+            f"reaction_time = {reaction} # STOP to slowing, {1e3 * found.response:.1f} ms at the "
+            f"latest of {len(told)} stops, less that latency",
+            *unmeasured,
+            "",
+        ]
+    elif unmeasured:
+        lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
+    if found.limits:
+        robot = seen.robot
+        velocity, acceleration = [], []
+        windows, unknown = [], []
+        for joint, name in enumerate(robot.joints):
+            kept = found.limits.get(name)
+            most = float(robot.velocity_limit[joint]), float(robot.acceleration_limit[joint])
+            velocity.append(most[0] if kept is None else min(most[0], round_up(kept.velocity)))
+            if kept is None or math.isnan(kept.acceleration):
+                acceleration.append(most[1])
+                unknown.append(name)
+            else:
+                acceleration.append(min(most[1], round_up(kept.acceleration)))
+                windows.append(f"{1e3 * kept.window:.3g}")
+        how = []
+        if windows:
+            how.append(f"within {', '.join(windows)} ms; what is shorter may be missed")
+        if unknown:
+            how.append(f"not found, so its limit stands: {', '.join(unknown)}")
+        lines += [
+            "[robot.operating] # what the controller kept to here: state what it is set up to keep",
+            f"velocity = {velocity}",
+            f"acceleration = {acceleration} # {'; '.join(how)}",
+            "",
+        ]
+    for name, source in found.sources.items():
+        silence = round_up(1.5 * max(source.usual_silence, 1.0 / source.rate))
+        lines += [
+            f"[sources.{quote_key(name)}]",
+            f"rate = {round_down(source.rate)}",
+            f"timeout = {silence} # half as long again as 99 of 100 silences; the longest was "
+            f"{source.longest_silence:.3g} s",
+        ]
+        if not math.isnan(source.spread):
+            spread = round_up(source.spread)
+            lines.append(f"# position_error of its messages: {spread} m is one standard deviation")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def write_robot_lines(found: Findings) -> str:
+    """A `robot.toml` of what was found; what was not stands as it was in the recording."""
+    robot = found.seen.robot
+    lines = ["[sources]"]
+    lines += [f'{limit} = "{UNCHANGED}"' for limit in ("position", "velocity", "acceleration")]
+    for joint, name in enumerate(robot.joints):
+        lower = float(robot.lower_position_limit[joint])
+        upper = float(robot.upper_position_limit[joint])
+        lines += ["", f"[joints.{quote_key(name)}]"]
+        if math.isfinite(lower) and math.isfinite(upper):
+            lines.append(f"position = [{lower}, {upper}]")
+        lines.append(f"velocity = {float(robot.velocity_limit[joint])}")
+        lines.append(f"acceleration = {float(robot.acceleration_limit[joint])}")
+        errors = found.errors.get(name)
+        for title, stated, measured in (
+            ("position_error", robot.position_error, errors and errors.position),
+            ("velocity_error", robot.velocity_error, errors and errors.velocity),
+        ):
+            # What is constant cannot be seen, so nothing is stated to be better than it was.
+            known = float(stated[joint])
+            if measured is None or measured <= known:
+                how = "not found" if measured is None else f"{measured:.2g} was found"
+                lines.append(f"{title} = {known} # as in the recording; {how}")
+            else:
+                lines.append(f"{title} = {round_up(measured)} # found; it was {known:g}")
+    for joint, name in enumerate(robot.joints):
+        if name in found.brakes:
+            most = float(robot.acceleration_limit[joint])
+            entries = [_round_entry(entry, most) for entry in found.brakes[name]]
+        else:
+            entries = [one._replace(source=UNCHANGED) for one in robot.brakes.entries[name]]
+        for entry in entries:
+            lines += _write_entry(name, entry)
+    if found.tracking is not None:
+        for title, errors_of in (
+            ("tracking_error", found.tracking.position),
+            ("velocity_tracking_error", found.tracking.velocity),
+        ):
+            listed = ", ".join(str(round_up(float(error))) for error in errors_of)
+            lines += ["", f"# {title} of plans, by joint: [{listed}]"]
+    return "\n".join(lines) + "\n"
+
+
+def _round_entry(entry: BrakeEntry, acceleration: float) -> BrakeEntry:
+    """Rounded to the safe side, and no harder a stop than the joint's acceleration limit allows."""
+    speed = round_down(entry.speed)
+    return entry._replace(
+        speed=speed,
+        stopping_time=round_up(max(entry.stopping_time, entry.speed / acceleration)),
+        stopping_distance=round_up(
+            max(entry.stopping_distance, 0.5 * entry.speed * entry.speed / acceleration)
+        ),
+        deceleration=round_down(min(entry.deceleration, acceleration)),
+    )
+
+
+def _write_entry(name: str, entry: BrakeEntry) -> list[str]:
+    key = quote_key(name)
+    figures: Mapping[str, float] = {
+        "speed": entry.speed,
+        "stopping_time": entry.stopping_time,
+        "stopping_distance": entry.stopping_distance,
+        "deceleration": entry.deceleration,
+    }
+    return [
+        "",
+        "[[brakes]]",
+        f"load = {entry.load:g}",
+        f'source = "{entry.source}"',
+        *(
+            f"{figure} = {{ {key} = {value} }}"
+            for figure, value in figures.items()
+            if 0.0 < value < math.inf
+        ),
+    ]
+
+
+def quote_key(name: str) -> str:
+    """A name as a key of TOML."""
+    if re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        return name
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def round_up(value: float) -> float:
+    """To four digits, not below."""
+    return _round(value, math.ceil)
+
+
+def round_down(value: float) -> float:
+    """To four digits, not above."""
+    return _round(value, math.floor)
+
+
+def _round(value: float, whole: Callable[[float], int]) -> float:
+    if value == 0.0 or not math.isfinite(value):
+        return value
+    digits = _DIGITS - 1 - math.floor(math.log10(abs(value)))
+    return round(whole(value * 10.0**digits) / 10.0**digits, digits)

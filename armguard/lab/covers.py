@@ -1,0 +1,379 @@
+"""`armguard cover`: fit, prove and write covers; prove them again; exchange them with other tools.
+
+What it is asked about is a robot that armguard knows, or any other URDF. A URDF without limits is
+enough, since only geometry matters here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+from rich.table import Table
+
+from armguard.app.terminal import describe_column, make_console, print_json
+from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
+from armguard.cover.interchange import (
+    YAML_ENDINGS,
+    place_spheres,
+    read_spheres,
+    write_curobo,
+    write_spherized_urdf,
+)
+from armguard.cover.report import CoverReport, LinkReport
+from armguard.exceptions import CoverError, RobotError
+from armguard.lab.lever_report import JointLevers, compare_levers
+from armguard.robot.description import (
+    COVER,
+    DESCRIPTION,
+    find_robot,
+    is_known,
+    list_robots,
+    locate_urdf,
+    read_description,
+)
+from armguard.robot.links import UrdfLinks
+from armguard.robot.robot import Robot, read_described
+
+TOLERANCE = 1e-4  # rounding and margins of radii stay below this, in [m]
+UNPROVED = 1
+"""Exit code where something was asked to be covered and is not."""
+
+
+class Target:
+    """A robot as far as covers go, and where it comes from.
+
+    Args:
+        name: A robot that armguard knows, the folder of one of your own, or the path of a URDF.
+        limits: A robot.toml for that URDF: says which joints move. None: all do.
+        package_dirs: Folders in which `package://` mesh names are looked up, besides those
+            that the URDF lies in.
+
+    Attributes:
+        robot: With links, surfaces and a model.
+        urdf: Its URDF.
+        folders: In which its packages are looked up.
+        is_known: Whether it is one that armguard knows.
+        cover: Where its proved cover is kept; None for a URDF.
+    """
+
+    robot: Robot | UrdfLinks
+
+    def __init__(
+        self, name: str, limits: Path | None = None, package_dirs: Sequence[Path] = ()
+    ) -> None:
+        self.cover: Path | None = None
+        self.is_known = is_known(name)
+        self.folders: list[Path]
+        if Path(name).suffix != ".urdf" and not _is_file(name):
+            try:
+                directory = find_robot(name)
+            except RobotError as error:
+                raise RobotError(
+                    name,
+                    "is neither a URDF nor a robot that armguard knows",
+                    expected=error.expected and f"a file, or {error.expected}",
+                    remedy=error.remedy,
+                ) from error
+            description = read_description(directory / DESCRIPTION)
+            self.cover = directory / COVER
+            self.urdf, self.folders = locate_urdf(directory, description)
+            title = directory.resolve().name
+        else:
+            self.urdf = Path(name)
+            self.folders = [*package_dirs, *self.urdf.resolve().parents]
+            if limits is None:
+                self.robot = UrdfLinks(self.urdf, self.folders)
+                return
+            description = read_description(limits)
+            title = self.urdf.stem
+        urdf = read_described(self.urdf, self.folders, description)
+        self.robot = Robot(title, urdf, description, list(description.joints))
+
+
+def run(
+    name: str,
+    *,
+    limits: Path | None,
+    package_dirs: Sequence[Path],
+    spheres: int | None,
+    protrusion: float | None,
+    out: Path | None,
+    check: bool,
+    spheres_from: Path | None,
+    inflate: bool,
+    export: Path | None,
+) -> int:
+    """Do what the options of `armguard cover` ask for; the exit code.
+
+    Raises:
+        ArmguardError: They contradict each other, or something that they name is unusable.
+    """
+    wishes = {
+        "--check": check,
+        "--import": spheres_from is not None,
+        "--export": export is not None,
+    }
+    asked = [option for option, is_asked in wishes.items() if is_asked]
+    if len(asked) > 1:
+        raise CoverError(" and ".join(asked), "exclude each other")
+    if asked and (spheres is not None or protrusion is not None):
+        raise CoverError(asked[0], "fits nothing", remedy="leave out --spheres and --protrusion")
+    if inflate and spheres_from is None:
+        raise CoverError("--inflate", "needs spheres", expected="--import FILE")
+    if out is not None and not (inflate or not asked):
+        raise CoverError("--out", "has nothing to be written", remedy="leave it out")
+    if not asked and out is None:
+        raise CoverError("--out", "is missing", expected="the folder to write cover.json into")
+    target = Target(name, limits, package_dirs)
+    if check:
+        return prove(target)
+    if export is not None:
+        return write(target, export)
+    if spheres_from is not None:
+        return exchange(target, spheres_from, inflate, out)
+    return fit(target, spheres, protrusion, Path(out or "."))
+
+
+def fit(target: Target, spheres: int | None, protrusion: float | None, folder: Path) -> int:
+    """Fit a cover, prove it, write it and show what it is like; the exit code.
+
+    Args:
+        target: What to cover.
+        spheres: At most so many leaves a link, or
+        protrusion: how far they may stick out, in [m]; neither: `DEFAULT_PROTRUSION`.
+        folder: Where to write `cover.json`; made if it is not there.
+    """
+    robot = target.robot
+    if isinstance(robot, UrdfLinks) and robot.bare:
+        _print(f"drawn without collision geometry, NOT covered: {', '.join(robot.bare)}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
+    cover = fit_with_bar(robot, spheres, protrusion)
+    report = cover.check(robot)
+    code = _finish(cover, report, folder)
+    print_json(lambda: describe(report, None if code else folder / COVER))
+    limit = protrusion or DEFAULT_PROTRUSION
+    for link, entry in report.links.items():
+        if spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
+            _print(
+                f"{link}: sticks out by more than {1e3 * limit:g} mm; finer would need very many"
+            )
+    return code
+
+
+def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
+    """Fit and prove a cover, with a bar that shows how far it is.
+
+    Args:
+        robot: Whose links to cover.
+        spheres: At most so many leaves a link, or
+        protrusion: how far they may stick out, in [m]; neither: `DEFAULT_PROTRUSION`.
+
+    Raises:
+        CoverError: As `Cover.fit` does.
+    """
+    columns = describe_column(), BarColumn(), MofNCompleteColumn()
+    with Progress(*columns, TimeElapsedColumn(), console=make_console(stderr=True)) as progress:
+        bar = progress.add_task("reading", total=len(robot.links))
+        begun: list[str] = []
+
+        def show(link: str) -> None:
+            progress.update(bar, completed=len(begun), description=link)
+            begun.append(link)
+
+        cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
+        progress.update(bar, completed=len(begun), description="fitted and proved")
+    return cover
+
+
+def prove(target: Target) -> int:
+    """Prove a known robot's cover again, and show it and its levers; the exit code."""
+    if target.cover is None or not isinstance(target.robot, Robot):
+        raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
+    cover = Cover.load(target.cover)
+    cover.verify(target.robot)
+    report = cover.check(target.robot)
+    code = show_report(report)
+    levers = compare_levers(target.robot, cover)
+    _print(_tabulate_levers(levers))
+    print_json(lambda: describe(report) | {"levers": levers})
+    return code
+
+
+def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> int:
+    """Show what another tool's spheres leave uncovered; if asked, make a cover of them.
+
+    Args:
+        target: Whose spheres they should be.
+        file: cuRobo's YAML or a spherized URDF.
+        inflate: Grow them into a proved cover.
+        folder: Where to write that cover; None: it is only shown.
+
+    Returns:
+        The exit code: `UNPROVED` if they do not cover the robot and were not inflated.
+    """
+    robot, read = target.robot, read_spheres(file)
+    spheres = place_spheres(robot, read)
+    gaps = measure_gaps(robot, spheres)
+    _print(_tabulate_gaps(gaps))
+    others = sorted(set(read) - set(robot.links))
+    if others:
+        _print(f"not watched, left out: {', '.join(others)}")
+    covered = all(gap.proved for gap in gaps.values())
+    found = {"gaps": gaps, "not_watched": others}
+    if not inflate:
+        _print("covers the robot: proved" if covered else "does not cover the robot")
+        print_json(lambda: {"proved": covered} | found)
+        return 0 if covered else UNPROVED
+    cover = inflate_spheres(robot, spheres)
+    report = cover.check(robot)
+    for link, rows in spheres.items():
+        kept = {tuple(center) for center in cover.spheres(link)[:, :3].tolist()}
+        if len(kept) < len(rows):
+            _print(f"{link}: {len(rows) - len(kept)} of {len(rows)} spheres are not needed")
+    code = show_report(report) if folder is None else _finish(cover, report, folder)
+    wrote = None if code or folder is None else folder / COVER
+    print_json(lambda: describe(report, wrote) | found)
+    return code
+
+
+def write(target: Target, file: Path) -> int:
+    """Write a known robot's cover as cuRobo's YAML or as a spherized URDF; the exit code."""
+    if target.cover is None:
+        raise CoverError("--export", "needs a robot that armguard knows", expected="its name")
+    cover = Cover.load(target.cover)
+    cover.verify(target.robot)
+    if file.suffix in YAML_ENDINGS:
+        write_curobo(file, target.robot, cover)
+    elif file.suffix == ".urdf":
+        write_spherized_urdf(file, target.robot, cover, target.urdf)
+    else:
+        raise CoverError(str(file), "is of no known kind", expected=".yml, .yaml or .urdf")
+    _print(f"wrote {file}")
+    print_json(lambda: {"wrote": file})
+    return 0
+
+
+def list_known() -> int:
+    """Show the robots that armguard knows, from their files alone; the exit code."""
+    table = Table("robot", "joints", "links", "spheres", "title", box=None, pad_edge=False)
+    robots = []
+    for name in list_robots():
+        description = read_description(find_robot(name) / DESCRIPTION)
+        path = find_robot(name) / COVER
+        links = spheres = None
+        if path.is_file():
+            cover = Cover.load(path)
+            links = len(cover.links)
+            spheres = sum(len(cover.spheres(link)) for link in cover.links)
+        joints, title = len(description.joints), description.title
+        counted = ("no cover" if one is None else str(one) for one in (links, spheres))
+        table.add_row(name, str(joints), *counted, title)
+        robots.append(
+            {"name": name, "joints": joints, "links": links, "spheres": spheres, "title": title}
+        )
+    _print(table)
+    print_json(lambda: {"robots": robots})
+    return 0
+
+
+def _is_file(name: str) -> bool:
+    """Whether there is a file of that name; none can be if the name is too long for one."""
+    try:
+        return Path(name).is_file()
+    except OSError:
+        return False
+
+
+def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
+    """Write what is proved, and only that."""
+    code = show_report(report)
+    if code == 0:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            cover.save(folder / COVER)
+        except OSError as error:
+            raise CoverError(str(folder / COVER), f"cannot be written: {error.strerror}") from error
+        _print(f"wrote {folder / COVER}")
+    return code
+
+
+def show_report(report: CoverReport) -> int:
+    """Print what a cover is like; the exit code is `UNPROVED` where a link is not inside it."""
+    _print(_tabulate(report))
+    return 0 if report.proved else UNPROVED
+
+
+def describe(report: CoverReport, wrote: Path | None = None) -> dict[str, Any]:
+    """What a cover is like, for programs; lengths in [m].
+
+    Args:
+        report: What it is like.
+        wrote: The file that it was written to; None: it was not.
+    """
+    return {
+        "proved": report.proved,
+        "links": {
+            name: dataclasses.asdict(link) | {"volume_ratio": link.volume_ratio}
+            for name, link in report.links.items()
+        },
+        "wrote": wrote,
+    }
+
+
+def _tabulate(report: CoverReport) -> Table:
+    table = _make_table("link", "spheres", "mean, mm", "max, mm", "volume ratio", "proved")
+    rows: list[tuple[str, LinkReport | CoverReport]] = [*report.links.items(), ("all", report)]
+    for name, link in rows:
+        if name == "all":
+            table.add_section()
+        table.add_row(
+            name,
+            str(link.count),
+            f"{1e3 * link.mean_protrusion:.1f}",
+            f"{1e3 * link.max_protrusion:.1f}",
+            f"{link.volume_ratio:.2f}",
+            "yes" if link.proved else "NO",
+        )
+    table.caption = "mean, max: how far spheres stick out; volume ratio: spheres to link"
+    return table
+
+
+def _tabulate_gaps(gaps: dict[str, Gap]) -> Table:
+    table = _make_table("link", "spheres", "uncovered", "up to, mm", "covered")
+    for link, gap in gaps.items():
+        table.add_row(
+            link,
+            str(gap.count),
+            f"{100 * gap.share:.1f} %",
+            f"{1e3 * gap.depth:.1f}" if gap.count else "no spheres",
+            "proved" if gap.proved else "NO",
+        )
+    table.caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
+    return table
+
+
+def _tabulate_levers(levers: dict[str, JointLevers]) -> Table:
+    table = _make_table("joint", "lever, m", "sampled, m", "median ratio")
+    for name, joint in levers.items():
+        table.add_row(name, f"{joint.proved:.3f}", f"{joint.sampled:.3f}", f"{joint.ratio:.3f}")
+    table.caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
+    return table
+
+
+def _make_table(first: str, *others: str) -> Table:
+    table = Table(first)
+    for name in others:
+        table.add_column(name, justify="right")
+    return table
+
+
+def _print(what: Any) -> None:
+    make_console().print(what, soft_wrap=isinstance(what, str))

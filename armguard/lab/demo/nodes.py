@@ -1,0 +1,238 @@
+"""The demo's perception and robot, each a process of its own, on the streams that users use.
+
+Both begin when the monitor's first verdict arrives, so that nothing is missed while it starts, and
+both end by themselves when their parent has gone.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from typing import IO
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.app.processes import end_with
+from armguard.exceptions import ArmguardError
+from armguard.lab.demo.places import Place, find_place
+from armguard.lab.simulation.arm import SimulatedArm
+from armguard.lab.simulation.balls import WanderingBalls
+from armguard.lab.simulation.person import DURATIONS, ProceduralPerson
+from armguard.lab.simulation.processes import read_device, start_device
+from armguard.lab.simulation.recordings import Recording
+from armguard.lab.simulation.sources import ObstacleSource
+from armguard.lab.simulation.trajectory import JointTrajectory, keeps_within, random_trajectory
+from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.robot import Robot
+from armguard.streams.nodes import Publisher, VerdictReader
+
+ROBOT_PERIOD = 0.001
+"""Between two joint states, in [s]."""
+
+PERCEPTION_PERIOD = 0.005
+"""Between two checks of what is due, in [s]."""
+
+SPEED_FRACTION = 0.2
+"""Share of its velocity limits that the arm works at."""
+
+ACCELERATION_FRACTION = 0.5
+"""Share of what joints and brakes can that the arm works at, at most."""
+
+SETBACK = 0.4
+"""People in recordings stood at a small table with the arm on it; here they stand this much farther
+away, along -y, in [m]: the arms differ, and so would the people's places."""
+
+WORK_CYCLE = 30.0
+"""Until the arm's motion repeats, at least, in [s]."""
+
+BALL_CLEARANCE = 2.5
+"""Distance that wandering balls keep from the arm's axis, in [m]."""
+
+
+def make_sources(duration: float, person: str, ball_count: int, seed: int) -> list[ObstacleSource]:
+    """What moves about the arm.
+
+    Args:
+        duration: Of the demo, in [s].
+        person: Vicon CSV of a person; empty: a simulated one.
+        ball_count: Wandering balls besides.
+        seed: Of all motions.
+    """
+    sources: list[ObstacleSource] = []
+    if not person:
+        shortest, longest = DURATIONS
+        sources.append(ProceduralPerson(seed, min(max(duration, shortest), longest)))
+    else:
+        placement = np.eye(4)
+        placement[1, 3] = -SETBACK
+        sources.append(Recording(person, placement=placement))
+    if ball_count:
+        sources.append(WanderingBalls(ball_count, seed, clearance=BALL_CLEARANCE))
+    return sources
+
+
+class Perception(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Publish what moves about the arm."""
+
+    obstacles: str
+    """Address of the monitor's obstacles."""
+    verdicts: str
+    """Address of its verdicts."""
+    duration: float
+    """Of the demo, in seconds."""
+    seed: int
+    """Of all motions."""
+    person: str
+    """Vicon CSV of a person; empty: a simulated one."""
+    balls: int
+    """How many wander about besides."""
+
+    def run(self) -> None:
+        """Publish until ended."""
+        sources = make_sources(self.duration, self.person, self.balls, self.seed)
+        publishers = [Publisher(self.obstacles, source.name) for source in sources]
+        _wait_for_monitor(self.verdicts)
+        start = time.monotonic()
+        sinks = [_Restamped(publisher, start) for publisher in publishers]
+        tick = 0
+        while True:
+            for source, sink in zip(sources, sinks, strict=True):
+                source.publish(sink, time.monotonic() - start)
+            tick += 1
+            time.sleep(max(0.0, start + tick * PERCEPTION_PERIOD - time.monotonic()))
+
+
+class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Move the arm as the verdicts allow, and publish its joint states."""
+
+    joints: str
+    """Address of the monitor's joint states."""
+    verdicts: str
+    """Address of its verdicts."""
+    seed: int
+    """Of the arm's motion."""
+    robot: str
+    """Which arm."""
+
+    def run(self) -> None:
+        """Move until ended."""
+        robot = Robot.load(self.robot)
+        published = robot.published_operating_limits
+        arm = SimulatedArm(
+            make_trajectory(robot, find_place(self.robot), self.seed),
+            None if published is None else OperatingLimits.published(robot),
+        )
+        with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
+            _wait_for_monitor(self.verdicts)
+            start = stamp = time.monotonic()
+            tick = 0
+            while True:
+                now = time.monotonic()
+                reader.latest()
+                # Silence beyond `valid_until` is a scale of 0: it brakes, as on STOP.
+                q, v = arm.step(max(now - stamp, 1e-9), reader.speed_scale(now))
+                stamp = now
+                publisher.joints(now, robot.joints, q, v)
+                tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
+                time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
+def make_trajectory(robot: Robot, place: Place, seed: int) -> JointTrajectory:
+    """What the arm does: ways through random postures, all of it in its place if that can be."""
+
+    def make(accept: Callable[[NDArray[np.float64]], bool] | None) -> JointTrajectory:
+        return random_trajectory(
+            robot,
+            seed,
+            WORK_CYCLE,
+            speed_fraction=SPEED_FRACTION,
+            acceleration_fraction=choose_acceleration(robot),
+            accept=accept,
+        )
+
+    try:
+        return make(keeps_within(robot, place.lower, place.upper))
+    except ArmguardError:
+        # An arm of somebody's own may be larger than the place that is meant for those on a table.
+        return make(None)
+
+
+def choose_acceleration(robot: Robot) -> float:
+    """Share of what joints and brakes can that the arm works at; its controller keeps to less."""
+    published = robot.published_operating_limits
+    if published is None:
+        return ACCELERATION_FRACTION
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
+    # A quarter of what the controller allows is left for speeding up again after a slowdown.
+    return min(ACCELERATION_FRACTION, 0.75 * float(np.min(published.acceleration / able)))
+
+
+class _Restamped:
+    """Hands a simulated source's samples on, stamped with the machine's clock."""
+
+    def __init__(self, publisher: Publisher, start: float) -> None:
+        self._publisher = publisher
+        self._start = start
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "",
+        frame: str = "world",
+        snapshot: bool = False,
+    ) -> None:
+        """As `Publisher.update`; the source is the publisher's own."""
+        self._publisher.update(
+            ids,
+            self._start + stamp,
+            position,
+            velocity,
+            radius,
+            accel,
+            speed,
+            position_error,
+            velocity_error,
+            frame,
+            snapshot,
+        )
+
+
+def _wait_for_monitor(verdicts: str) -> None:
+    """Return when a verdict has arrived, however long the monitor compiles."""
+    with VerdictReader(verdicts) as reader:
+        while reader.latest(timeout=0.1) is None:
+            pass
+
+
+def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[bytes]:
+    """Start a node as a process of its own, which ends with this one.
+
+    Args:
+        node: What it is to do.
+        log: Where it writes what goes wrong.
+    """
+    return start_device("armguard.lab.demo.nodes", node, log)
+
+
+def main() -> None:
+    """Run the node that the command line describes until it is told to end."""
+    node, parent = read_device(Perception | RobotNode)
+    end_with(parent)
+    node.run()
+
+
+if __name__ == "__main__":
+    main()

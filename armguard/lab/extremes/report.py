@@ -1,0 +1,62 @@
+"""The page of extremes, in Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from armguard.lab.extremes.line import REFUSED, UNSOUND, Line
+from armguard.lab.pages import UNKNOWN, write_table
+
+HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5)
+"""Of the table, and which of its columns are of words."""
+
+HEAD = """# At the extremes
+
+What armguard does far away from everyday numbers, as `{command}` found it.
+
+- **Sound**: no contact time is later than a contact that is possible. Single evaluations are held against exact rational arithmetic, which knows no rounding; whole ticks against an adversary, an arm and a ball that run at each other within their bounds.
+- **Tight**: contact time over that contact, in the median and in the worst case of the line. The adversary is none of the best, and knows the true surface, not the cover: what it does not reach is no proof that an answer is loose.
+- **Price**: processor time of one evaluation, or of one tick after the first.
+- **Refused**: by an error, or by a STOP, with its reason.
+
+{summary}
+"""  # noqa: E501  # a paragraph of Markdown is one line
+
+
+def write_page(lines: Sequence[Line], command: str, facts: Sequence[str]) -> str:
+    """The whole page.
+
+    Args:
+        lines: What was found.
+        command: What was called.
+        facts: Machine, versions and seed.
+    """
+    text = HEAD.format(command=command, summary=summarise(lines))
+    for group in dict.fromkeys(line.group for line in lines):
+        text += f"\n## {group.capitalize()}\n\n"
+        rows = [_list_cells(line) for line in lines if line.group == group]
+        text += "\n".join(write_table(HEADS, rows, WORDS)) + "\n"
+    return text + "\n" + "\n".join(f"- {fact}" for fact in facts) + "\n"
+
+
+def summarise(lines: Sequence[Line]) -> str:
+    """One sentence."""
+    unsound = [f"{line.group} {line.case}" for line in lines if line.outcome == UNSOUND]
+    refused = sum(line.outcome == REFUSED for line in lines)
+    text = f"{len(lines)} cases: {len(lines) - refused - len(unsound)} sound, {refused} refused, "
+    text += f"{len(unsound)} unsound."
+    return f"{text} UNSOUND: {', '.join(unsound)}." if unsound else text
+
+
+def _list_cells(line: Line) -> list[str]:
+    price = f"{line.price:.3g}" if math.isfinite(line.price) else UNKNOWN
+    return [line.case, line.outcome, _share(line.tight), _share(line.worst), price, line.note]
+
+
+def _share(value: float) -> str:
+    """A ratio, as many digits as tell it from 1."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    missing = 1.0 - value
+    return f"1 − {missing:.0e}" if 0.0 < missing < 1e-3 else f"{value:.3f}"

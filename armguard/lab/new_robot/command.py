@@ -1,0 +1,639 @@
+"""`armguard robot new`: from a URDF to a folder that every command takes where it takes a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import tempfile
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.table import Table
+
+from armguard.app.processes import complain
+from armguard.app.terminal import make_console, print_json
+from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.cover.report import CoverReport
+from armguard.exceptions import ArmguardError, RobotError
+from armguard.jit.progress import following
+from armguard.lab.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
+from armguard.lab.covers import describe as describe_cover
+from armguard.lab.new_robot import limits as usual
+from armguard.lab.new_robot.costs import (
+    WALKING_SPEED,
+    WORKING_SHARE,
+    StopFigures,
+    list_cases,
+    measure,
+)
+from armguard.lab.new_robot.limits import JointFacts, find_bare, find_coupled, find_travel
+from armguard.lab.new_robot.questions import (
+    GIVEN,
+    Asker,
+    Figure,
+    Question,
+    match,
+    put_general_first,
+    read_amount,
+    read_number,
+    read_range,
+)
+from armguard.lab.new_robot.sources import URDF, UrdfSource, find_urdf
+from armguard.lab.new_robot.text import NewRobot, list_choices, write_text
+from armguard.obstacles.obstacles import Obstacles
+from armguard.robot.description import (
+    COVER,
+    DESCRIPTION,
+    JointDescription,
+    LockedJoint,
+    read_description,
+)
+from armguard.robot.model_file import read_model
+from armguard.robot.robot import Robot, read_described
+from armguard.robot.ros_parameters import PlanningLimits, read_planning_limits
+from armguard.robot.urdf import UrdfModel
+
+DRAWN = "drawn"
+"""Answer that takes what a link is drawn with for its collision geometry."""
+
+
+class Wishes(NamedTuple):
+    """What the command line says; figures as `Asker.answer` takes them."""
+
+    urdf: Path
+    out: Path
+    package_dirs: Sequence[Path] = ()
+    joint_limits: Path | None = None
+    title: str | None = None
+    joints: Sequence[str] = ()
+    lock: Sequence[str] = ()
+    travel: Sequence[str] = ()
+    collision_from_visual: Sequence[str] = ()
+    bare_links: Sequence[str] = ()
+    position: Sequence[str] = ()
+    velocity: Sequence[str] = ()
+    acceleration: Sequence[str] = ()
+    load: str | None = None
+    deceleration: Sequence[str] = ()
+    operating_velocity: Sequence[str] = ()
+    operating_acceleration: Sequence[str] = ()
+    position_error: Sequence[str] = ()
+    velocity_error: Sequence[str] = ()
+    spheres: int | None = None
+    protrusion: float | None = None
+    """[m]."""
+    takes_usual: bool = False
+
+
+def run_new(wishes: Wishes) -> int:
+    """Write the folder of a new robot, and print what its choices cost; the exit code.
+
+    Raises:
+        ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
+    """
+    is_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.takes_usual)
+    planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
+    made = make_folder(wishes, planning, asker)
+    if show_report(made.report) != 0:
+        print_json(lambda: describe_cover(made.report))
+        return UNPROVED
+    limit = wishes.protrusion or DEFAULT_PROTRUSION
+    for link, entry in made.report.links.items():
+        if wishes.spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
+            _print(f"{link}: sticks out by more than {1e3 * limit:g} mm")
+    _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
+    for line in list_choices(made.description):
+        _print(f"- {line}")
+    if planning is not None and planning.unused:
+        _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
+    # Read back as every command reads it, so that nothing is promised that cannot be loaded.
+    costs = show_costs(Robot.load(wishes.out.absolute()), planning)
+    unused = () if planning is None else planning.unused
+    print_json(
+        lambda: {
+            "wrote": [wishes.out / DESCRIPTION, wishes.out / COVER],
+            "cover": describe_cover(made.report),
+            "choices": list_choices(made.description),
+            "unused": unused,
+            "costs": costs,
+        }
+    )
+    _print(
+        f"next: armguard show {wishes.out}; armguard demo --robot {wishes.out}; in a cell file "
+        f'[robot] name = "{wishes.out}" (relative to its folder), and operating = "published" if '
+        "your controller keeps to the operating limits: without it none are in force"
+    )
+    return 0
+
+
+class Prepared(NamedTuple):
+    """What is known of a robot before it has a cover."""
+
+    description: NewRobot
+    text: str
+    """Of robot.toml."""
+    robot: Robot
+    """Without a cover."""
+    urdf: str | None
+    """Text of a URDF that is to be written beside robot.toml."""
+
+
+class Made(NamedTuple):
+    """What was made of a URDF."""
+
+    description: NewRobot
+    report: CoverReport
+    """Nothing was written where it says that a link is not inside its spheres."""
+
+
+def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Prepared:
+    """Describe a robot, and read it by its description; nothing is written.
+
+    Args:
+        wishes: What the command line says.
+        planning: What MoveIt's limits say.
+        asker: Answers what is missing.
+
+    Raises:
+        ArmguardError: Something is missing, unusable or contradictory.
+    """
+    check_new_folder(wishes.out)
+    _check_title(wishes)
+    with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
+        source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
+        new = describe(wishes, source, planning, asker)
+        text = write_text(new)
+        description = read_description(tomllib.loads(text))
+        urdf = read_described(source.path, source.folders, description)
+    name = wishes.out.resolve().name
+    robot = Robot(name, urdf, description, list(description.joints))
+    return Prepared(new, text, robot, source.text)
+
+
+def _check_title(wishes: Wishes) -> None:
+    """Refuse what would end the line of robot.toml that it stands in, or cannot be written."""
+    option = "--title" if wishes.title else "--out"
+    title = wishes.title or wishes.out.resolve().name
+    if not title.isprintable():
+        raise RobotError(
+            option,
+            f"gives the title {title!r}",
+            expected="printable characters",
+            remedy="" if wishes.title else "give --title, or another folder",
+        )
+
+
+def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
+    """Describe a robot, fit and prove its cover, and write both.
+
+    Arguments and errors are those of `prepare`, and a folder that cannot be written.
+    """
+    prepared = prepare(wishes, planning, asker)
+    cover = fit_with_bar(prepared.robot, wishes.spheres, wishes.protrusion)
+    report = cover.check(prepared.robot)
+    if report.proved:
+        write_folder(wishes.out, prepared.text, cover, prepared.urdf)
+    return Made(prepared.description, report)
+
+
+def check_new_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be made, or has something in it.
+
+    Raises:
+        RobotError: It is a file, not empty, or its parent cannot be written to.
+    """
+    try:
+        if folder.is_dir():
+            if any(folder.iterdir()):
+                raise RobotError(
+                    f"--out {folder}", "is not empty", expected="a new folder, or an empty one"
+                )
+        elif folder.exists():
+            raise RobotError(f"--out {folder}", "is a file", expected="a new folder")
+        else:
+            # Made and removed again: a fit of minutes must not end with a folder that cannot be.
+            folder.mkdir(parents=True)
+            folder.rmdir()
+    except OSError as error:
+        raise RobotError(f"--out {folder}", f"cannot be made: {error.strerror}") from error
+
+
+def ask_on_terminal(text: str) -> str:
+    """Show a question on standard error and read the answer.
+
+    Raises:
+        RobotError: Standard input has ended.
+    """
+    sys.stderr.write(text)
+    sys.stderr.flush()
+    line = sys.stdin.readline()
+    if not line:
+        raise RobotError("armguard robot new", "no more answers: standard input has ended")
+    return line.strip()
+
+
+def describe(
+    wishes: Wishes, source: UrdfSource, planning: PlanningLimits | None, asker: Asker
+) -> NewRobot:
+    """All that robot.toml is to say, from options, the URDF, MoveIt's limits and answers.
+
+    Raises:
+        RobotError: Something is missing or unusable.
+    """
+    urdf = read_model(source.path, source.folders, (), wishes.collision_from_visual)
+    watched, locked = settle_joints(wishes, urdf, asker)
+    drawn, bare = settle_bare_links(wishes, urdf, watched, asker)
+    facts = JointFacts(urdf, watched, locked, source.origin)
+    joints = facts.joints
+    if planning is not None:
+        _check_planning(wishes.joint_limits, planning, urdf)
+    facts.refuse_ranges(wishes.position)
+    position = asker.answer(
+        Question(
+            "--position",
+            "position limits [rad or m]",
+            "no joint ever leaves them",
+            read_range,
+            facts.positions,
+            facts.usual_positions,
+        ),
+        [joint for joint in joints if joint not in facts.continuous],
+        wishes.position,
+    )
+    velocity = asker.answer(
+        Question(
+            "--velocity",
+            "velocity limits [rad/s or m/s]",
+            "no joint is ever faster",
+            read_number,
+            facts.velocities,
+            facts.usual_velocities,
+        ),
+        joints,
+        wishes.velocity,
+    )
+    facts.put(position, velocity)
+    is_said = not _lacks(joints, wishes.acceleration)
+    with following("deriving from efforts", 1) as begin:
+        begin("accelerations")
+        usual_acceleration = {} if is_said else facts.derive_accelerations()
+    acceleration = asker.answer(
+        Question(
+            "--acceleration",
+            "acceleration limits [rad/s² or m/s²]",
+            "no joint ever speeds up or slows down harder, emergency stops included",
+            read_number,
+            {},
+            usual_acceleration,
+        ),
+        joints,
+        wishes.acceleration,
+    )
+    load = asker.choose(
+        "--load",
+        "load at the tool up to which the brakes hold what comes next, in kg",
+        f"{usual.LOAD:g}",
+        wishes.load,
+    )
+    is_usual = wishes.load is None and load == f"{usual.LOAD:g}"
+    load_figure = Figure(
+        read_amount(f"--load {load}", load), usual.LOAD_CHOSEN if is_usual else GIVEN
+    )
+    is_said = not _lacks(joints, wishes.deceleration)
+    with following("deriving from efforts", 1) as begin:
+        begin("decelerations")
+        usual_deceleration = (
+            {} if is_said else facts.derive_decelerations(load_figure.value, acceleration)
+        )
+    deceleration = asker.answer(
+        Question(
+            "--deceleration",
+            "guaranteed decelerations [rad/s² or m/s²]",
+            f"a stop with {load_figure.value:g} kg is never gentler, from whatever speed",
+            read_number,
+            {},
+            usual_deceleration,
+        ),
+        joints,
+        wishes.deceleration,
+    )
+    file = "" if wishes.joint_limits is None else wishes.joint_limits.name
+    work_velocity = asker.answer(
+        Question(
+            "--operating-velocity",
+            "operating velocities [rad/s or m/s]",
+            "the controller keeps to them at work",
+            read_number,
+            {} if planning is None else _take(planning.velocity, joints, file, velocity),
+            {j: Figure(one.value, usual.WORK_SPEED_CHOSEN) for j, one in velocity.items()},
+        ),
+        joints,
+        wishes.operating_velocity,
+    )
+    work_acceleration = asker.answer(
+        Question(
+            "--operating-acceleration",
+            "operating accelerations [rad/s² or m/s²]",
+            "the controller speeds joints up no harder at work",
+            read_number,
+            {} if planning is None else _take(planning.acceleration, joints, file, acceleration),
+            facts.choose_work_accelerations(acceleration),
+        ),
+        joints,
+        wishes.operating_acceleration,
+    )
+    errors = [
+        asker.answer(
+            Question(
+                option,
+                what,
+                "no measured state is off by more",
+                read_amount,
+                dict.fromkeys(joints, Figure(default, usual.ERROR_CHOSEN)),
+                {},
+            ),
+            joints,
+            # One number counts for all, though all are known.
+            [item if "=" in item else f"*={item}" for item in put_general_first(given)],
+        )
+        for option, what, default, given in (
+            (
+                "--position-error",
+                "position errors [rad or m]",
+                _DEFAULTS.position_error,
+                wishes.position_error,
+            ),
+            (
+                "--velocity-error",
+                "velocity errors [rad/s or m/s]",
+                _DEFAULTS.velocity_error,
+                wishes.velocity_error,
+            ),
+        )
+    ]
+    return NewRobot(
+        title=wishes.title or wishes.out.resolve().name,
+        urdf=source.key,
+        package_dirs=source.package_keys,
+        bare_links=tuple(bare),
+        collision_from_visual=tuple(drawn),
+        locked=locked,
+        lock_source=LOCKED,
+        position=position,
+        velocity=velocity,
+        acceleration=acceleration,
+        position_error=errors[0],
+        velocity_error=errors[1],
+        load=load_figure,
+        deceleration=deceleration,
+        work_velocity=work_velocity,
+        work_acceleration=work_acceleration,
+    )
+
+
+LOCKED = "`travel`: its links count as all that they reach; `position`: the joint must stand still."
+
+_DEFAULTS = JointDescription(velocity=1.0, acceleration=1.0)
+
+
+def settle_joints(
+    wishes: Wishes, urdf: UrdfModel, asker: Asker
+) -> tuple[list[str], dict[str, LockedJoint]]:
+    """Which joints are watched, and where those rest or travel that have to do with them.
+
+    Raises:
+        RobotError: A joint is unknown, or nothing can be said of one that is not watched.
+    """
+    names = [str(name) for name in urdf.model.names[1:]]
+    locked: dict[str, LockedJoint] = {}
+    for item in wishes.lock:
+        pattern, has_joint, text = item.rpartition("=")
+        if not has_joint:
+            raise RobotError(f"--lock {item}", "names no position", expected="JOINT=POSITION")
+        (position,) = read_signed(f"--lock {item}", text)
+        for joint in match(f"--lock {item}", pattern, names):
+            locked[joint] = LockedJoint(position=position)
+    for pattern in wishes.travel:
+        for joint in match(f"--travel {pattern}", pattern, names):
+            locked[joint] = _travel(urdf, joint)
+    coupled = set(urdf.mimics) | {mimic.leader for mimic in urdf.mimics.values()}
+    if wishes.joints:
+        watched = [
+            joint
+            for joint in names
+            if any(joint in match(f"--joints {one}", one, names) for one in wishes.joints)
+        ]
+    else:
+        watched = [joint for joint in names if joint not in coupled and joint not in locked]
+    for joint in watched:
+        if joint in locked:
+            raise RobotError(f"joint {joint!r}", "is watched and locked", expected="one of both")
+        if joint in coupled:
+            mimic = urdf.mimics.get(joint)
+            problem = f"mimics joint {mimic.leader!r}" if mimic else "is mimicked by another"
+            raise RobotError(
+                f"joint {joint!r}", problem, expected="--joints that move independently"
+            )
+    if not watched:
+        raise RobotError(
+            str(wishes.urdf), "has no joint to watch", expected="one that turns or slides by itself"
+        )
+    carrying, carried = find_coupled(urdf, watched)
+    for joint in carrying:
+        if joint not in locked:
+            locked[joint] = _settle_carrier(joint, coupled, urdf, asker)
+    for joint in carried:
+        if joint not in locked:
+            locked[joint] = _travel(urdf, joint)
+    return watched, locked
+
+
+def read_signed(option: str, text: str) -> tuple[float]:
+    """One finite number of either sign.
+
+    Raises:
+        RobotError: It is none.
+    """
+    with contextlib.suppress(ValueError):
+        value = float(text)
+        if abs(value) < float("inf"):
+            return (value,)
+    raise RobotError(option, f"is {text!r}", expected="a finite number")
+
+
+def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker) -> LockedJoint:
+    """Where a joint stands still that carries watched ones; nobody else can know it."""
+    option = f"--lock {joint}=POSITION"
+    if joint in coupled:
+        raise RobotError(
+            f"joint {joint!r}",
+            "mimics another, or is mimicked, and carries joints that are watched",
+            remedy=f"if it stands still, give {option}",
+        )
+    index = urdf.model.joints[urdf.model.getJointId(joint)].idx_q
+    lower, upper = urdf.model.lowerPositionLimit[index], urdf.model.upperPositionLimit[index]
+    nearest = float(min(max(0.0, lower), upper)) if lower < upper else 0.0
+    answer = asker.choose(
+        option,
+        f"joint {joint} carries watched joints and is not watched: where it stands still",
+        f"{nearest:g}",
+        None,
+        is_guess=True,
+    )
+    return LockedJoint(position=read_signed(option, answer)[0])
+
+
+def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
+    """A joint that may be anywhere in its range."""
+    travel = find_travel(urdf, joint)
+    if travel is None:
+        raise RobotError(
+            f"joint {joint!r}",
+            "is not watched, and the URDF gives no travel of at most one turn",
+            remedy=f"watch it by --joints, or give --lock {joint}=POSITION if it stands still",
+        )
+    return LockedJoint(travel=travel)
+
+
+def settle_bare_links(
+    wishes: Wishes, urdf: UrdfModel, watched: Sequence[str], asker: Asker
+) -> tuple[list[str], list[str]]:
+    """Links that are collided with as they are drawn, and links that go uncovered.
+
+    Raises:
+        RobotError: A link is neither, or is named that is not only drawn.
+    """
+    drawn = list(wishes.collision_from_visual)
+    lacking = find_bare(urdf, watched)
+    bare: list[str] = []
+    for pattern in wishes.bare_links:
+        bare += match(f"--bare-links {pattern}", pattern, lacking)
+    left = [link for link in lacking if link not in bare]
+    if left:
+        answer = asker.choose(
+            "--collision-from-visual",
+            f"links {', '.join(left)} are drawn and move, and have no collision geometry: take "
+            f'what is drawn ("{DRAWN}"), or name those to leave uncovered (--bare-links)',
+            DRAWN,
+            None,
+        )
+        if answer != DRAWN:
+            for pattern in answer.split():
+                bare += match(f"--bare-links {pattern}", pattern, left)
+        drawn += [link for link in left if link not in bare]
+    return drawn, bare
+
+
+def _check_planning(file: Path | None, planning: PlanningLimits, urdf: UrdfModel) -> None:
+    names = [str(name) for name in urdf.model.names[1:]]
+    for joint in planning.joints:
+        if joint not in names:
+            raise RobotError(
+                f"--joint-limits {file}",
+                f"names joint {joint!r}, which is not in the URDF",
+                expected=f"joints among {', '.join(names)}",
+            )
+
+
+def _take(
+    limits: dict[str, float],
+    joints: Sequence[str],
+    file: str,
+    hardware: dict[str, Figure[float]],
+) -> dict[str, Figure[float]]:
+    """MoveIt's limits of watched joints, refused where the hardware could not keep them."""
+    taken = {}
+    for joint in joints:
+        if joint not in limits:
+            continue
+        if not limits[joint] <= hardware[joint].value * (1.0 + 1e-6):
+            raise RobotError(
+                f"{file}: joint {joint}",
+                f"has {limits[joint]:g}, above the limit of the joint, {hardware[joint].value:g}",
+                remedy="correct the file, or give the joint's own limit by --velocity or "
+                "--acceleration",
+            )
+        # Within rounding: files round what a URDF has in full.
+        taken[joint] = Figure(
+            min(limits[joint], hardware[joint].value), f"{file}, as MoveIt has it"
+        )
+    return taken
+
+
+def _lacks(joints: Sequence[str], given: Sequence[str]) -> bool:
+    """Whether some joint is given no figure by the command line, so that what is usual matters."""
+    if any("=" not in item for item in given):
+        return False
+    return not {item.rpartition("=")[0] for item in given} >= set(joints)
+
+
+def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> None:
+    """Write all files of a robot; robot.toml, which makes the folder one, comes last.
+
+    Raises:
+        RobotError: Something cannot be written; what was is removed.
+    """
+    written: list[Path] = []
+
+    def put(name: str, write: Callable[[Path], object]) -> None:
+        written.append(folder / name)
+        write(folder / name)
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if urdf is not None:
+            put(URDF, lambda path: path.write_text(urdf, encoding="utf-8"))
+        put(COVER, cover.save)
+        put(DESCRIPTION, lambda path: path.write_text(text, encoding="utf-8"))
+    except OSError as error:
+        for path in written:
+            with contextlib.suppress(OSError):
+                path.unlink()
+        raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
+
+
+def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopFigures]:
+    """Print what the monitor says of the arm as written, and with one choice at a time changed.
+
+    Returns:
+        The same, by what was changed.
+    """
+    table = Table(
+        "description", title="what each choice costs in STOP", title_justify="left",
+        caption_justify="left",
+    )  # fmt: skip
+    table.add_column("rests within, ms", justify="right")
+    table.add_column("STOP within, m", justify="right")
+    most_accel, most_speed = Obstacles(sources=[]).bounds.others
+    table.caption = (
+        f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
+        f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
+        f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
+        "a STOP."
+    )
+    costs: dict[str, StopFigures] = {}
+    cases = list(list_cases(robot, planning))
+    with following("asking the monitor about case", len(cases)) as begin:
+        for case in cases:
+            begin(case.name)
+            try:
+                figures = measure(case)
+            except ArmguardError as error:
+                complain(f"{case.name}: {error}")
+                continue
+            stop_time, distance = costs[case.name] = figures
+            table.add_row(
+                case.name,
+                f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
+                f"{distance:.2f}" if distance < math.inf else "anywhere",
+            )
+    make_console().print(table)
+    return costs
+
+
+def _print(text: str) -> None:
+    make_console().print(text, soft_wrap=True)

@@ -1,0 +1,273 @@
+"""Recordings of real people, played as a perception system would have seen them, warts and all.
+
+Reads CSV as exported by Vicon's motion capture software. What the cameras did not see is not
+published, and markers that were swapped jump as they did: filtering with hindsight would hide what
+a monitor meets every day. Velocities come from past samples only, each with the error that this
+implies.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.lab.simulation.bodies import POINTS, publish_person
+from armguard.lab.simulation.sources import ObstacleSink, SampledSource
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MARKER_ERROR = 0.002
+"""What a tracked point may be off by, in [m]: ten times Vicon's own figure, for loose cloth."""
+
+_AXES = ("RX", "RY", "RZ", "TX", "TY", "TZ")
+_UNITS = ("rad", "rad", "rad", "mm", "mm", "mm")
+_HEADER_LINES = 5
+
+
+class Recording(SampledSource):
+    """A recorded person, from the first frame at time 0 to the last; then silence.
+
+    A velocity is the difference over the last h seconds, with h the whole number of samples, none
+    of them missing, that makes its error least: with the acceleration bound A and the position
+    error δp, the error is A h / 2 + 2 δp / h. The first sample after a gap has velocity 0 with the
+    speed bound as error.
+
+    Args:
+        path: A Vicon CSV file with the nine points of `bodies.POINTS`, in mm.
+        placement: Of the recording's origin (z up) in the world, homogeneous. None: the identity.
+            Shape (4, 4).
+        accel: Bound on accelerations, in [m]/[s²]; published, as the velocity errors rest on it.
+        speed: Bound on speeds, in [m]/[s]; published.
+        position_error: What a tracked point may be off by, in [m].
+        name: Of the source; None: the file's name without its ending.
+
+    Attributes:
+        position: Of the tracked points in the world, NaN where one was not seen, in [m], in the
+            order of `bodies.POINTS`. Shape (frames, 9, 3).
+        velocity: Of these points, from past samples, in [m]/[s]. Shape (frames, 9, 3).
+        velocity_error: What each velocity may be off by, in [m]/[s]. Shape (frames, 9).
+
+    Raises:
+        ArmguardError: The file cannot be read or is malformed (the message names file, line, column
+            and value), or an argument is out of bounds.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        placement: ArrayLike | None = None,
+        accel: float = 10.0,
+        speed: float = 2.0,
+        position_error: float = MARKER_ERROR,
+        name: str | None = None,
+    ) -> None:
+        path = Path(path)
+        for what, value in (("accel", accel), ("speed", speed)):
+            if not (0.0 < value < math.inf):
+                raise ArmguardError(f"{path}: {what}", f"is {value}", expected="more than 0")
+        if not (0.0 <= position_error < math.inf):
+            raise ArmguardError(f"{path}: position_error", f"is {position_error}")
+        rate, points = read_vicon_csv(path)
+        super().__init__(path.stem if name is None else name, rate, math.inf)
+        self.duration = (len(points) - 1) / rate
+        rotation, translation = _check_placement(placement)
+        self.position: Array = points @ rotation.T + translation
+        self.velocity, self.velocity_error = estimate_velocities(
+            self.position, rate, accel, speed, position_error
+        )
+        self.accel = accel
+        self.speed = speed
+        self.position_error = position_error
+
+    def _publish_sample(self, sink: ObstacleSink, index: int, stamp: float) -> None:
+        publish_person(
+            sink,
+            self.name,
+            stamp,
+            self.position[index],
+            self.velocity[index],
+            self.velocity_error[index],
+            position_error=self.position_error,
+            accel=self.accel,
+            speed=self.speed,
+        )
+
+
+def estimate_velocities(
+    position: Array, rate: float, accel: float, speed: float, position_error: float
+) -> tuple[Array, Array]:
+    """Velocities from past samples, with proved errors.
+
+    The mean velocity over the last h seconds differs from the present one by at most A h / 2, and
+    its two ends may be off by δp each.
+
+    Args:
+        position: NaN where a point was not seen, in [m]. Shape (frames, n, 3).
+        rate: In [Hz].
+        accel: Bound on accelerations, in [m]/[s²].
+        speed: Bound on speeds, in [m]/[s]: the error of velocity 0, where nothing is better.
+        position_error: In [m].
+
+    Returns:
+        Velocities, NaN where the point was not seen, in [m]/[s], and their errors. Shapes
+        (frames, n, 3) and (frames, n).
+    """
+    seen: Flags = np.all(np.isfinite(position), axis=2)
+    velocity = np.where(np.isnan(position), np.nan, 0.0)
+    error = np.full(seen.shape, speed)
+
+    def error_of(lag: int) -> float:
+        return accel * lag / rate / 2.0 + 2.0 * position_error * rate / lag
+
+    best = rate * 2.0 * math.sqrt(position_error / accel)
+    longest = min(max(1, math.floor(best)), max(1, math.ceil(best)), key=error_of)
+    unbroken = seen
+    for lag in range(1, min(longest, len(position) - 1) + 1):
+        unbroken = unbroken[1:] & seen[:-lag]
+        if error_of(lag) < speed:  # and less than that of shorter lags
+            rows, columns = np.nonzero(unbroken)
+            rows += lag
+            change = position[rows, columns] - position[rows - lag, columns]
+            velocity[rows, columns] = change * rate / lag
+            error[rows, columns] = error_of(lag)
+    return velocity, error
+
+
+def read_vicon_csv(path: Path) -> tuple[float, Array]:
+    """The rate in [Hz] and the tracked points in [m], NaN where not seen. Shape (frames, 9, 3).
+
+    Raises:
+        ArmguardError: The file cannot be read or is malformed.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ArmguardError(str(path), f"cannot be read: {error}") from error
+    lines = text.split("\n")
+    while lines and not lines[-1].strip():
+        lines.pop()
+    if not lines:
+        raise ArmguardError(str(path), "is empty", expected="motion capture exported as CSV")
+    rows = [line.split(",") for line in lines]
+    rate, bodies = _check_header(path, rows)
+    if len(rows) == _HEADER_LINES:
+        raise _bad(path, _HEADER_LINES, "is the last line", "a line for each frame after it")
+    width = 2 + len(_AXES) * len(bodies)
+    frames = np.empty((len(rows) - _HEADER_LINES, len(bodies), 3))
+    first = _read_frame_number(path, _HEADER_LINES + 1, rows[_HEADER_LINES][0])
+    for index, row in enumerate(rows[_HEADER_LINES:]):
+        line = _HEADER_LINES + 1 + index
+        if len(row) != width:
+            raise _bad(path, line, f"has {len(row)} cells", f"{width}")
+        if _read_frame_number(path, line, row[0]) != first + index:
+            raise _bad(path, line, f"is frame {row[0]}", f"frame {first + index}")
+        for number, body in enumerate(bodies):
+            start = 2 + number * len(_AXES)
+            frames[index, number] = _read_point(path, line, body, row[start : start + len(_AXES)])
+    order = [bodies.index(point) for point in POINTS]
+    return rate, 1e-3 * frames[:, order]
+
+
+def _check_header(path: Path, rows: list[list[str]]) -> tuple[float, list[str]]:
+    """Rate in [Hz], and the bodies in the order of their columns."""
+    for line in range(1, _HEADER_LINES + 1):
+        if len(rows) < line:
+            raise _bad(path, line, "is missing", "a header of five lines")
+        if line == 1 and rows[0] != ["Objects"]:
+            raise _bad(path, 1, f"is {','.join(rows[0])[:40]!r}", "the header 'Objects'")
+    rate = _read_number(",".join(rows[1]))
+    if not (0.0 < rate < math.inf):
+        raise _bad(path, 2, f"is {','.join(rows[1])[:40]!r}", "the rate in Hz")
+    bodies = _read_bodies(path, rows[2])
+    for line, lead, cells in ((4, ["Frame", "Sub Frame"], _AXES), (5, ["", ""], _UNITS)):
+        wanted = lead + list(cells) * len(bodies)
+        found = rows[line - 1]
+        if len(found) != len(wanted):
+            raise _bad(path, line, f"has {len(found)} cells", f"{len(wanted)}")
+        for column, (got, want) in enumerate(zip(found, wanted, strict=True), start=1):
+            if got != want:
+                raise _bad(path, line, f"has {got!r} in column {column}", repr(want))
+    return rate, bodies
+
+
+def _read_bodies(path: Path, row: list[str]) -> list[str]:
+    """Names above every sixth column from the third on, as in `Global Angle hip:hip`."""
+    bodies: list[str] = []
+    for column, cell in enumerate(row, start=1):
+        if not cell:
+            continue
+        name = cell.rpartition(":")[2]
+        if name not in POINTS or name in bodies or column != 3 + len(_AXES) * len(bodies):
+            raise _bad(
+                path,
+                3,
+                f"has {cell!r} in column {column}",
+                f"above every sixth column, once each: {', '.join(POINTS)}",
+            )
+        bodies.append(name)
+    missing = [point for point in POINTS if point not in bodies]
+    if missing:
+        raise _bad(path, 3, f"lacks {', '.join(missing)}", "all nine bodies")
+    return bodies
+
+
+def _read_point(path: Path, line: int, body: str, cells: list[str]) -> list[float]:
+    """Translation in [mm], NaN where the six cells are empty."""
+    if not any(cells):
+        return [math.nan] * 3
+    values = []
+    for axis, cell in zip(_AXES, cells, strict=True):
+        value = _read_number(cell)
+        if not math.isfinite(value):
+            raise _bad(
+                path,
+                line,
+                f"has {cell!r} for {body} {axis}",
+                "a finite number, or six empty cells for a hidden body",
+            )
+        values.append(value)
+    return values[3:]
+
+
+def _read_number(cell: str) -> float:
+    """A number, NaN where it is none; Python by itself would take 1_000 as well."""
+    try:
+        return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _read_frame_number(path: Path, line: int, cell: str) -> int:
+    try:
+        return int(cell)
+    except ValueError:
+        raise _bad(path, line, f"has {cell!r} for Frame", "a whole number") from None
+
+
+def _bad(path: Path, line: int, problem: str, expected: str) -> ArmguardError:
+    return ArmguardError(f"{path}: line {line}", problem, expected=expected)
+
+
+def _check_placement(placement: ArrayLike | None) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) of a homogeneous matrix."""
+    matrix = np.eye(4) if placement is None else np.array(placement, dtype=np.float64)
+    proper = (
+        matrix.shape == (4, 4)
+        and bool(np.isfinite(matrix).all())
+        and np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0])
+        and np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9)
+        and np.linalg.det(matrix[:3, :3]) > 0.0
+    )
+    if not proper:
+        raise ArmguardError(
+            "placement",
+            f"is {matrix.tolist()}",
+            expected="a homogeneous matrix, shape (4, 4), with a rotation",
+        )
+    return matrix[:3, :3], matrix[:3, 3]

@@ -1,0 +1,153 @@
+"""`armguard tradeoff`: one scene through the ladder of settings, and a report to choose by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from armguard.app.cell.cell import Cell
+from armguard.app.processes import complain
+from armguard.app.terminal import make_console, print_json
+from armguard.exceptions import ArmguardError
+from armguard.lab.pictures import check_plots
+from armguard.lab.study_facts import (
+    VERSIONS,
+    Workers,
+    describe_machine,
+    digest_file,
+    make_folder,
+    open_rows,
+    show_progress,
+    tell_command,
+)
+from armguard.lab.tradeoff.covers import Covers
+from armguard.lab.tradeoff.ladder import AUTO, check_axes
+from armguard.lab.tradeoff.plots import draw_pictures
+from armguard.lab.tradeoff.report import HTML_FILE, About, describe, summarise, write_report
+from armguard.lab.tradeoff.scene import Site, find_published, make_scene
+from armguard.lab.tradeoff.study import run_study
+from armguard.lab.tradeoff.touching import add_touching
+from armguard.lab.trial import SECONDS, make_visit
+from armguard.obstacles.obstacles import Obstacles
+from armguard.recording.provenance import describe_provenance
+from armguard.robot.robot import Robot
+
+ROBOT = "panda"
+
+LONGEST = 3600.0
+"""Of a scene, in [s]."""
+
+
+def run(
+    cell: Path | None,
+    *,
+    person: Path | None,
+    robot: str | None,
+    balls: int,
+    touching: int,
+    out: Path,
+    axes: Sequence[str],
+    seconds: float,
+    seed: int,
+    plots: bool,
+    workers: Workers,
+) -> int:
+    """Measure, write the report and print what can be chosen by; the exit code.
+
+    Args:
+        cell: A cell file; None: a robot by itself.
+        person: A recording.
+        robot: Name of a known robot.
+        balls: How many wander about the arm.
+        touching: How many come and touch it.
+        out: Folder of the report.
+        axes: Of the ladder; none: all.
+        seconds: Of the scene.
+        seed: Of all motions.
+        plots: Whether to draw pictures.
+        workers: Where settings are measured.
+
+    Raises:
+        ArmguardError: Something is unusable.
+        KeyboardInterrupt: It came before there was anything to show.
+    """
+    chosen = check_axes(axes)
+    if not seed >= 0:
+        raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
+    if not 1.0 <= seconds <= LONGEST:
+        raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
+    if not balls >= 0:
+        raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
+    if not touching >= 0:
+        raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
+    if plots:
+        check_plots()
+    site = _make_site(cell, robot)
+    recording = None if person is None else str(person)
+    scene, what = make_scene(site, recording, balls, seconds, seed)
+    if touching:
+        what += f" and {add_touching(scene, site, touching, seed)}"
+    trial = None
+    if AUTO in chosen and (balls or recording is not None):
+        # Other balls, or another part of the recording.
+        trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
+    elif AUTO in chosen:
+        trial = make_visit(site, seed + 1)
+    make_folder(out)  # once nothing else can be a mistake: none leaves an empty folder
+    provenance = describe_provenance(site.robot)
+    study_of = {
+        "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
+        "cover": provenance["cover"], "person": digest_file(person), "obstacles": str(balls),
+        "touching": str(touching),
+        "seconds": f"{seconds!r}", "seed": str(seed),
+    }  # fmt: skip
+    with open_rows(workers, out, study_of) as rows, show_progress() as tell:
+        try:
+            study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial, rows)
+        except KeyboardInterrupt:
+            if rows is not None and rows.kept:
+                complain(f"{rows.kept} settings are kept: --resume goes on with them")
+            raise
+    about = About(
+        f"{site.robot.name} and {what}",
+        tell_command(),
+        describe_machine(provenance),
+        {name: provenance[name] for name in VERSIONS},
+        seed,
+        seconds,
+        _tell_operating(cell, site),
+    )
+    write_report(out, study, about, draw_pictures(study) if plots else {})
+    console = make_console()
+    if rows is not None and rows.resumed:
+        console.print(f"- {rows.resumed} rows were taken from an earlier run.")
+    for line in summarise(study):
+        console.print(f"- {line.replace('**', '')}", soft_wrap=True)
+    console.print(f"wrote {out / HTML_FILE}", soft_wrap=True)
+    print_json(lambda: describe(study, about) | {"wrote": out / HTML_FILE})
+    return 0
+
+
+def _tell_operating(cell: Path | None, site: Site) -> str:
+    if site.settings.get("operating") is None:
+        return "none stated, so those of the hardware count"
+    return "those published of the arm" if cell is None else "as the cell file states them"
+
+
+def _make_site(cell: Path | None, robot: str | None) -> Site:
+    if cell is None:
+        arm = Robot.load(robot or ROBOT)
+        published = find_published(arm)
+        return Site(arm, Obstacles, {} if published is None else {"operating": published})
+    if robot is not None:
+        raise ArmguardError("--robot", "is given beside a cell file", expected="one of them")
+    read = Cell.load(cell)
+    arm = read.make_robot()
+    settings = read.monitor_settings(arm)
+    rate = settings.get("rate", 1000.0)
+    if not math.isclose(rate * 0.1, round(rate * 0.1)):
+        raise ArmguardError(
+            f"{cell}: monitor.rate", f"is {rate:g}", expected="a multiple of 10 Hz for a study"
+        )
+    return Site(arm, read.make_obstacles, settings, tuple(read.sources), read.keeps_cover)

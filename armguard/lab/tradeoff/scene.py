@@ -1,0 +1,290 @@
+"""The scene of a trade-off: one arm's way and what is told of obstacles, the same for all settings.
+
+Messages are taken down once, so that settings which are run one after the other are told the same,
+at the same times. The arm goes on whatever is said: all settings judge the same states.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.exceptions import ArmguardError
+from armguard.lab.simulation import (
+    JointTrajectory,
+    ObstacleSource,
+    ProceduralPerson,
+    Recording,
+    WanderingBalls,
+    keeps_within,
+    random_trajectory,
+)
+from armguard.lab.simulation.person import DURATIONS
+from armguard.obstacles.obstacles import Obstacles
+from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+SPEED_FRACTION = 0.2
+"""Share of its velocity limits that the arm works at, at most."""
+
+ACCELERATION_FRACTION = 0.225
+"""Share of the accelerations that its joints and brakes can, at most."""
+
+WITHIN = 0.9
+"""Share of its operating limits, at most, of those stated and of those published: settings that
+count with the ones or the others judge the same arm."""
+
+LOWEST, NEAREST = 0.02, -0.13
+"""The arm works above its table, and not far on the side that people come from (-y), in [m]."""
+
+SETBACK = 0.4
+"""People in recordings stood at a small table with the arm on it; here they stand this much farther
+away, along -y, in [m]: the arms differ, and so would the people's places."""
+
+TARGET = (0.0, -0.25, 0.35)
+"""Where a simulated person reaches, in the frame of the arm's base, in [m]: near enough to where
+the arm works that all levels occur, of an arm that keeps to its published operating limits too."""
+
+CYCLE = 30.0
+"""Until the arm's motion repeats, at most, in [s]."""
+
+CLEARANCE, HALL, BALL = 1.0, 4.0, 0.1
+"""Distance that balls keep from the arm's axis, half the width of where they are, and their radius,
+in [m]."""
+
+
+class Site(NamedTuple):
+    """Where a study is made, by what arm, and what it starts from."""
+
+    robot: Robot
+    make_obstacles: Callable[[], Obstacles]
+    """An empty table, with what never moves."""
+    settings: Mapping[str, Any]
+    """Of the monitor, beside those that are varied."""
+    sources: tuple[str, ...] = ()
+    """Names of those that have to be heard; the first one tells all. None: as they are called."""
+    keeps_cover: bool = False
+    """Whether all levels of the arm's cover stand where settings are chosen."""
+
+    @property
+    def base(self) -> pinocchio.SE3:
+        """Of the arm's base in the world: what moves about it is placed alike."""
+        return self.settings.get("base_placement") or pinocchio.SE3.Identity()
+
+
+class Message(NamedTuple):
+    """One call of `Obstacles.update`."""
+
+    stamp: float
+    """[s]."""
+    source: str
+    ids: tuple[str, ...]
+    position: Array
+    """In the world, [m]. Shape (n, k, 3)."""
+    velocity: Array
+    """[m]/[s]. Shape (n, k, 3)."""
+    radius: Array
+    """[m]. Shape (n,)."""
+    bounds: dict[str, Any]
+    """Accelerations, speeds and errors, where they are stated."""
+
+    def tell(self, obstacles: Obstacles) -> None:
+        """Hand it to a table."""
+        obstacles.update(
+            self.ids,
+            self.stamp,
+            self.position,
+            self.velocity,
+            radius=self.radius,
+            source=self.source,
+            **self.bounds,
+        )
+
+
+class Scene:
+    """One arm's way, and what is told of obstacles meanwhile.
+
+    Args:
+        site: Where, and by what arm.
+        sources: What moves about it; times of the scene are theirs less `begin`.
+        seconds: How long.
+        seed: Of the arm's way.
+        begin: What passes before, in [s].
+
+    Attributes:
+        messages: In the order of their stamps.
+        seconds: As given.
+        trajectory: Of the arm.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        sources: Sequence[ObstacleSource],
+        seconds: float,
+        seed: int,
+        begin: float = 0.0,
+    ) -> None:
+        self.seconds = seconds
+        self.trajectory = _plan_work(site, seed, min(seconds, CYCLE))
+        self.messages: list[Message] = []
+        for source in sources:
+            source.publish(_Nobody(), begin - 1e-9)
+            source.publish(_Notebook(self.messages, begin, site), begin + seconds)
+        for name in site.sources[1:]:
+            for tick in range(math.ceil(seconds / 0.05)):
+                self.messages.append(_heartbeat(0.05 * tick, name))
+        self.messages.sort(key=lambda message: message.stamp)
+
+    def sample(self, time: float) -> tuple[Array, Array]:
+        """Joint positions and velocities at a time in [s]. Shapes (nv,)."""
+        return self.trajectory.sample(time)
+
+
+def make_scene(
+    site: Site, person: str | None, balls: int, seconds: float, seed: int, part: float = 0.5
+) -> tuple[Scene, str]:
+    """A part of a person's visit, or a crowd of balls; and what that is called.
+
+    Args:
+        site: Where, and by what arm.
+        person: A Vicon CSV recording; None: a simulated one, unless there are balls.
+        balls: How many wander about the arm.
+        seconds: How long; of a recording, no longer than it is.
+        seed: Of all motions.
+        part: Of the visit: 0 is its beginning, 0.5 its middle.
+
+    Raises:
+        ArmguardError: The recording cannot be read, or the arm cannot work here.
+    """
+    sources: list[ObstacleSource] = []
+    told = []
+    begin = 0.0
+    if person is not None:
+        placement = np.eye(4)
+        placement[1, 3] = -SETBACK
+        recording = Recording(person, placement=placement)
+        sources.append(recording)
+        seconds = min(seconds, recording.duration)
+        begin = part * (recording.duration - seconds)
+        told.append(f"the recorded person {recording.name}")
+    elif not balls:
+        shortest, longest = DURATIONS
+        visit = min(max(seconds, shortest), longest)
+        begin = part * max(visit - seconds, 0.0)
+        sources.append(ProceduralPerson(seed, visit, target=TARGET))
+        told.append("a simulated person")
+    if balls:
+        lower, upper = (-HALL, -HALL, 0.0), (HALL, HALL, 2.0)
+        crowd = WanderingBalls(
+            balls, seed, radius=BALL, lower=lower, upper=upper, clearance=CLEARANCE
+        )
+        sources.append(crowd)
+        told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
+    return Scene(site, sources, seconds, seed, begin), " and ".join(told)
+
+
+class _Nobody:
+    """Takes what came before the scene."""
+
+    def update(self, *message: Any, **fields: Any) -> None:
+        pass
+
+
+class _Notebook:
+    """Takes down what a source says, at the scene's times."""
+
+    def __init__(self, messages: list[Message], begin: float, site: Site) -> None:
+        self._messages, self._begin, self._site = messages, begin, site
+
+    def update(
+        self,
+        ids: Sequence[str],
+        stamp: float,
+        position: ArrayLike,
+        velocity: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "default",
+    ) -> None:
+        """Take down one call."""
+        count = len(ids)
+        if not count:
+            self._messages.append(_heartbeat(stamp - self._begin, self._name(source)))
+            return
+        places = np.array(position, dtype=np.float64).reshape(count, -1, 3)
+        paces = np.zeros(places.shape)
+        if velocity is not None:
+            paces = np.array(velocity, dtype=np.float64).reshape(places.shape)
+        base = self._site.base
+        named = {"accel": accel, "speed": speed, "position_error": position_error}
+        named["velocity_error"] = velocity_error
+        self._messages.append(
+            Message(
+                stamp - self._begin,
+                self._name(source),
+                tuple(ids),
+                places @ base.rotation.T + base.translation,
+                paces @ base.rotation.T,
+                np.broadcast_to(np.asarray(radius, dtype=np.float64), (count,)).copy(),
+                {name: value for name, value in named.items() if value is not None},
+            )
+        )
+
+    def _name(self, source: str) -> str:
+        return self._site.sources[0] if self._site.sources else source
+
+
+def _heartbeat(stamp: float, source: str) -> Message:
+    return Message(stamp, source, (), np.empty((0, 1, 3)), np.empty((0, 1, 3)), np.empty(0), {})
+
+
+def find_published(robot: Robot) -> OperatingLimits | None:
+    """The operating limits that are published of an arm; None where none are."""
+    if robot.published_operating_limits is None:
+        return None
+    return OperatingLimits.published(robot)
+
+
+def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
+    """A way above the table, off the side that people come from, if the arm can keep to that."""
+    robot = site.robot
+    speed, acceleration = SPEED_FRACTION, ACCELERATION_FRACTION
+    gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))
+    able = np.minimum(robot.acceleration_limit, gentlest)
+    kept = [site.settings.get("operating"), find_published(robot)]
+    for operating in kept:
+        if operating is None:
+            continue
+        velocities, accelerations = operating.resolve(robot)
+        speed = min(speed, WITHIN * float((velocities / robot.velocity_limit).min()))
+        acceleration = min(acceleration, WITHIN * float((accelerations / able).min()))
+    plan = functools.partial(
+        random_trajectory,
+        robot,
+        seed,
+        duration,
+        speed_fraction=speed,
+        acceleration_fraction=acceleration,
+    )
+    boxes = (
+        ((-math.inf, NEAREST, LOWEST), (math.inf,) * 3),
+        ((-math.inf, -math.inf, LOWEST), (math.inf,) * 3),
+    )
+    for box in boxes:
+        try:
+            return plan(accept=keeps_within(robot, *box))
+        except ArmguardError:
+            continue
+    return plan()

@@ -1,0 +1,70 @@
+"""The demo as its user meets it: real processes, ended in every order."""
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from armguard.app.cell import Cell
+from armguard.exceptions import ArmguardError
+from armguard.lab.demo.launcher import run_demo, write_cell
+from armguard.lab.demo.nodes import make_sources
+from armguard.robot.description import find_robot
+from support.demo_processes import RunningDemo, finish
+
+RECORDINGS = Path(
+    os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[3] / "../shared/data/human-motion")
+)
+
+
+def test_a_page_whose_port_is_taken_is_a_mistake(tmp_path):
+    with RunningDemo("--port", "1000000", folder=tmp_path) as demo:
+        out, err = finish(demo)
+    assert demo.process.returncode == 2
+    assert out == ""
+    assert re.fullmatch(r"armguard: port 1000000 [^\n]+\n", err)
+
+
+def test_mistakes_are_raised_before_anything_is_started():
+    for mistake in ({"duration": float("nan")}, {"duration": -1.0}, {"obstacle_count": -1}):
+        with pytest.raises(ArmguardError):
+            run_demo(**mistake)
+    with pytest.raises(ArmguardError, match="port"):
+        run_demo(port=-1)
+    with pytest.raises(ArmguardError, match=r"has no robot\.toml"):
+        run_demo(robot="/")
+
+
+@pytest.mark.parametrize("has_published", [True, False])
+def test_an_arm_of_ones_own_is_named_by_its_folder(tmp_path, has_published):
+    folder = tmp_path / 'an "odd" arm'
+    shutil.copytree(find_robot("panda"), folder)
+    if not has_published:
+        text = (folder / "robot.toml").read_text().partition("[operating")[0]
+        (folder / "robot.toml").write_text(text)
+    cell = Cell.from_text(write_cell(str(folder), make_sources(5.0, "", 1, 0), "deadline"))
+    assert cell.make_robot().name == folder.name
+    assert (cell.tables.robot.operating == "published") == has_published
+    assert cell.urdf[0].endswith("panda.urdf")
+
+
+@pytest.mark.skipif(
+    not (RECORDINGS / "handover-0.csv").exists(),
+    reason="no recordings there: set ARMGUARD_RECORDINGS to their folder",
+)
+def test_a_real_person_is_supervised_over_the_same_streams(tmp_path):
+    person = str(RECORDINGS / "handover-0.csv")
+    arguments = ["--person", person, "--duration", "6", "--no-view", "--json"]
+    with RunningDemo(*arguments, folder=tmp_path) as demo:
+        out, _ = finish(demo)
+    assert demo.process.returncode == 0
+    summary = json.loads(out)
+    assert summary["received"] > 1000
+    # Somebody is seen near the arm; whether it must stop for them is for the verdict to say.
+    levels = summary["levels"]
+    assert levels["STOP"] + levels["SLOW"] + levels["AWARE"] > 0
+    assert 0.0 <= summary["min_contact_time"] < 1.0
+    assert summary["message_faults"] == {}

@@ -1,0 +1,44 @@
+import pytest
+
+from armguard.lab.extremes.line import REFUSED, SOUND
+from armguard.lab.extremes.ticks import list_cases, measure_ticks
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return {(line.group, line.case): line for line in measure_ticks(is_small=True, seed=0)}
+
+
+def test_no_tick_says_more_than_an_adversary_allows(lines):
+    assert {line.outcome for line in lines.values()} == {SOUND, REFUSED}
+    compared = [line.tight for line in lines.values() if line.tight == line.tight]
+    assert len(compared) > 10
+    assert all(0.0 <= tight <= 1.0 for tight in compared)
+
+
+@pytest.mark.parametrize(
+    ("case", "why"),
+    [
+        (("rate", "1 Hz"), "brakes not stated for such speeds: panda_joint"),
+        (("bounds in a tick", "1e6 m/s², 1e6 m/s"), "beyond what bodies do"),
+        (("coordinates", "1e6 m, as tables are"), "extent"),
+        (("age in a tick", "1 s"), "source silent"),
+    ],
+)
+def test_what_is_refused_says_why(case, why, lines):
+    assert lines[case].outcome == REFUSED
+    assert why in lines[case].note
+
+
+def test_what_is_far_from_zero_says_what_it_says_near_it(lines):
+    near = lines["stamps", "since 1970"]
+    assert near.tight == pytest.approx(lines["coordinates", "1e6 m, extent=2e6"].tight, rel=1e-3)
+    assert near.tight == pytest.approx(lines["stamps", "1e12 s"].tight, rel=1e-2)
+
+
+def test_the_small_form_leaves_out_what_takes_long():
+    small, whole = ({case[:2] for case in list_cases(is_small=one)} for one in (True, False))
+    assert small < whole | small
+    assert ("obstacles", "100,000") in whole - small
+    assert ("spheres a link", "512") in whole
+    assert ("joints", "14") in whole

@@ -1,0 +1,67 @@
+import os
+import signal
+import sys
+import textwrap
+
+import msgspec
+
+from armguard.lab.simulation.processes import read_device, start_device
+from support.recordings_made import wait_until
+
+
+class Lamp(msgspec.Struct, tag=True):
+    name: str
+    brightness: float
+
+
+class Horn(msgspec.Struct, tag=True):
+    name: str
+
+
+def test_a_device_is_read_as_it_was_described(monkeypatch):
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        for device in (Lamp('"ü" {1}', 0.1), Horn("")):
+            line = ["-m", msgspec.json.encode(device).decode(), "7"]
+            monkeypatch.setattr(sys, "argv", line)
+            assert read_device(Lamp | Horn) == (device, 7)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_a_device_runs_in_a_process_that_ends_as_it_is_told(tmp_path, monkeypatch):
+    (tmp_path / "lamps.py").write_text(
+        textwrap.dedent(
+            """
+            import sys
+            import msgspec
+            from armguard.lab.simulation.processes import read_device
+
+            class Lamp(msgspec.Struct, tag=True):
+                name: str
+                brightness: float
+
+            lamp, parent = read_device(Lamp)
+            sys.stderr.write(f"{lamp.name} of {parent}: ")
+            for line in sys.stdin:
+                sys.stderr.write(line)
+                sys.stderr.flush()
+            """
+        )
+    )
+    monkeypatch.chdir(tmp_path)
+    with (tmp_path / "log").open("wb") as log:
+        process = start_device("lamps", Lamp("red", 1.0), log, takes_orders=True)
+        assert process.stdin is not None
+        process.communicate(b"on\n")
+        assert process.returncode == 0
+        silent = start_device("lamps", Lamp("green", 1.0), log)
+        assert silent.wait() == 0, "it has no standard input to read"
+        ended = start_device("lamps", Lamp("blue", 1.0), log, takes_orders=True)
+        ended.stdin.write(b"on\n")
+        ended.stdin.flush()
+        wait_until(lambda: b"blue" in (tmp_path / "log").read_bytes())
+        ended.terminate()
+        assert ended.wait() == 0
+        ended.stdin.close()
+    assert (tmp_path / "log").read_text().startswith(f"red of {os.getpid()}: on\n")

@@ -1,0 +1,31 @@
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.lab.study_facts import Workers, digest_file, list_facts, open_rows
+
+
+def test_rows_are_measured_one_by_one_only_where_that_is_asked_for(tmp_path):
+    assert not Workers().is_by_rows
+    with open_rows(Workers(), tmp_path, {}) as rows:
+        assert rows is None
+    assert not list(tmp_path.iterdir())
+    for asked in (Workers(dask="local"), Workers(processes=2), Workers(resume=True)):
+        assert asked.is_by_rows
+    with open_rows(Workers(resume=True), tmp_path, {"seed": "0"}) as rows:
+        assert rows.kept == 0
+    assert (tmp_path / "rows" / "study.json").is_file()
+
+
+def test_a_file_is_known_by_its_content(tmp_path):
+    (tmp_path / "a").write_text("x")
+    (tmp_path / "b").write_text("x")
+    assert digest_file(tmp_path / "a") == digest_file(tmp_path / "b") != digest_file(None)
+    with pytest.raises(ArmguardError, match="cannot be read"):
+        digest_file(tmp_path / "c")
+
+
+def test_a_page_names_machine_versions_and_seed():
+    facts = list_facts(3)
+    assert set(facts) == {"machine", "versions", "seed"}
+    assert facts["seed"] == "3"
+    assert "numba" in facts["versions"]
