@@ -557,7 +557,7 @@ class Tradeoff:
     Example: armguard tradeoff --robot ur10 --seconds 10 --axis cover motion --out tradeoff
     """
 
-    cell: Annotated[Path | None, tyro.conf.Positional] = None
+    cell: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[PATH]")] = None
     """A cell file, whose settings are the default; without it, a robot by itself that keeps to
     its published operating limits."""
     person: Path | None = None

@@ -239,7 +239,7 @@ def ask_on_terminal(text: str) -> str:
 def describe(
     wishes: Wishes, source: UrdfSource, planning: PlanningLimits | None, asker: Asker
 ) -> NewRobot:
-    """All that robot.toml is to say, from options, the URDF, MoveIt's limits and answers.
+    """All that robot.toml is to say, from options, the model file, MoveIt's limits and answers.
 
     Raises:
         RobotError: Something is missing or unusable.
@@ -493,7 +493,7 @@ def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
     if travel is None:
         raise RobotError(
             f"joint {joint!r}",
-            "is not watched, and the URDF gives no travel of at most one turn",
+            "is not watched, and the model file gives no travel of at most one turn",
             remedy=f"watch it by --joints, or give --lock {joint}=POSITION if it stands still",
         )
     return LockedJoint(travel=travel)
@@ -534,7 +534,7 @@ def _check_planning(file: Path | None, planning: PlanningLimits, urdf: UrdfModel
         if joint not in names:
             raise RobotError(
                 f"--joint-limits {file}",
-                f"names joint {joint!r}, which is not in the URDF",
+                f"names joint {joint!r}, which is not in the model file",
                 expected=f"joints among {', '.join(names)}",
             )
 

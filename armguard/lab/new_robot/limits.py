@@ -1,7 +1,7 @@
 """What a URDF says of an arm's limits, and what is usual where it says nothing.
 
-What is usual is DERIVED where the URDF's efforts and inertias allow it, and CHOSEN otherwise, as in
-the robots that armguard knows; the source in robot.toml begins with that word.
+What is usual is DERIVED where the model file's efforts and inertias allow it, and CHOSEN otherwise,
+as in the robots that armguard knows; the source in robot.toml begins with that word.
 """
 
 from __future__ import annotations
@@ -43,27 +43,31 @@ RISE_TIME, REST_TIME = 0.02, 0.65
 TURN_ACCELERATION, SLIDE_ACCELERATION = 5.0, 1.0
 LOAD = 1.0
 
-POSITION_CHOSEN = "CHOSEN: two turns either way; the URDF has no position limits"
-TURN_SPEED_CHOSEN = "CHOSEN: 180 °/s, the speed of many such arms; the URDF has no velocity limit"
-SLIDE_SPEED_CHOSEN = "CHOSEN: 2 m/s; the URDF has no velocity limit"
+POSITION_CHOSEN = "CHOSEN: two turns either way; the model file has no position limits"
+TURN_SPEED_CHOSEN = (
+    "CHOSEN: 180 °/s, the speed of many such arms; the model file has no velocity limit"
+)
+SLIDE_SPEED_CHOSEN = "CHOSEN: 2 m/s; the model file has no velocity limit"
 ACCELERATION_DERIVED = (
-    "DERIVED, not published: largest acceleration that the URDF's effort limits allow with the "
-    "links alone, over the workspace, and a quarter more"
+    "DERIVED, not published: largest acceleration that the model file's effort limits allow with "
+    "the links alone, over the workspace, and a quarter more"
 )
 ACCELERATION_CHOSEN = (
-    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
-    "efforts and inertias do not tell"
+    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the model "
+    "file's efforts and inertias do not tell"
 )
 ACCELERATION_FLOOR = (
-    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the URDF's "
-    "efforts would allow less"
+    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the model "
+    "file's efforts would allow less"
 )
 BRAKES_CHOSEN = (
     "CHOSEN: at rest from full speed within 0.65 s, the longest that the UR10/CB3 user manual "
-    "gives for a whole arm; the URDF's efforts and inertias do not tell"
+    "gives for a whole arm; the model file's efforts and inertias do not tell"
 )
 LOAD_CHOSEN = "CHOSEN: 1 kg at the tool"
-ERROR_CHOSEN = "CHOSEN: armguard's default; the URDF does not say how well joints are measured"
+ERROR_CHOSEN = (
+    "CHOSEN: armguard's default; the model file does not say how well joints are measured"
+)
 WORK_SPEED_CHOSEN = "CHOSEN: the velocity limits"
 WORK_ACCELERATION_CHOSEN = (
     "CHOSEN: 5 rad/s², what Universal Robots' MoveIt configuration keeps its arms to, or 1 m/s²"
@@ -77,15 +81,15 @@ class JointFacts:
         urdf: The whole robot.
         watched: Names of the joints that are watched.
         locked: Where the others rest, or travel.
-        origin: What the URDF is called where it is a source.
+        origin: What the model file is called where it is a source.
 
     Attributes:
         joints: The watched joints, in model order.
         model: `pinocchio.Model` reduced to them.
         turning: Those that turn; the others slide.
         continuous: Those without a range.
-        positions: Of those with a usable range in the URDF.
-        velocities: Of those with a usable limit in the URDF.
+        positions: Of those with a usable range in the model file.
+        velocities: Of those with a usable limit in the model file.
 
     Raises:
         RobotError: A joint neither turns nor slides.
@@ -125,7 +129,7 @@ class JointFacts:
                 self.velocities[joint] = Figure(velocity, origin)
 
     def refuse_ranges(self, given: Sequence[str]) -> None:
-        """Refuse ranges of the URDF that are none, where no `--position` names their joint.
+        """Refuse ranges of the model file that are none, where no `--position` names their joint.
 
         Raises:
             RobotError: There is one.
@@ -135,7 +139,7 @@ class JointFacts:
             if joint not in said:
                 raise RobotError(
                     f"joint {joint!r}",
-                    f"has position = [{lower:g}, {upper:g}] in the URDF",
+                    f"has position = [{lower:g}, {upper:g}] in the model file",
                     remedy=f"correct it there, or give --position {joint}=LOWER:UPPER",
                 )
 
@@ -201,10 +205,10 @@ class JointFacts:
                 share = min(least, MOST_SHARE)
                 taken = "half of it" if share == least else f"no more than {MOST_SHARE:g}"
                 source = (
-                    f"DERIVED: the URDF's effort limits support {least / HELD:.3f} of the velocity "
-                    f"limits per second with {load:g} kg in the frame of the last joint at up to "
-                    f"{100.0 * SLOW:g} % speed, and {taken} is taken; CHOSEN to hold up to full "
-                    "speed as well"
+                    f"DERIVED: the model file's effort limits support {least / HELD:.3f} of the "
+                    f"velocity limits per second with {load:g} kg in the frame of the last joint "
+                    f"at up to {100.0 * SLOW:g} % speed, and {taken} is taken; CHOSEN to hold up "
+                    "to full speed as well"
                 )
         return {
             joint: Figure(min(round_down(share * float(speed)), accelerations[joint].value), source)
@@ -236,7 +240,7 @@ class JointFacts:
 
     @property
     def _has_efforts(self) -> bool:
-        """Whether the URDF says what motors push with, and what they move."""
+        """Whether the model file says what motors push with, and what they move."""
         efforts = self.model.effortLimit
         masses = [inertia.mass for inertia in self.model.inertias[1:]]
         usable = bool(((efforts > 0.0) & (efforts < np.inf)).all())

@@ -1,8 +1,8 @@
 """Asks for what a URDF lacks: on a terminal, by options, or takes what is usual.
 
-An option comes first, then what the URDF has. What is still missing is asked for on a terminal,
-where Enter takes what is usual; elsewhere it is a mistake that names the option, unless the caller
-takes all that is usual.
+An option comes first, then what the model file has. What is still missing is asked for on a
+terminal, where Enter takes what is usual; elsewhere it is a mistake that names the option, unless
+the caller takes all that is usual.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Asker:
             is_number = question.read is not read_range
             raise RobotError(
                 question.option,
-                f"is missing: the URDF has no {question.what} of {', '.join(lacking)}",
+                f"is missing: the model file has no {question.what} of {', '.join(lacking)}",
                 expected="a number for all of them, or JOINT=NUMBER"
                 if is_number
                 else "JOINT=LOWER:UPPER",

@@ -1,4 +1,4 @@
-"""Where the URDF of a new robot comes from, and what its robot.toml calls it."""
+"""Where the model file of a new robot comes from, and what its robot.toml calls it."""
 
 from __future__ import annotations
 

@@ -312,7 +312,7 @@ def drop(folder):
         (
             lambda folder: with_limits(folder, '<limit lower="2" upper="1" velocity="1"/>'),
             ["--yes"],
-            "position = [2, 1] in the URDF",
+            "position = [2, 1] in the model file",
         ),
         (
             lambda folder: with_limits(folder, '<limit lower="-1" upper="2" velocity="nan"/>'),

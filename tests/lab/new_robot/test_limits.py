@@ -56,7 +56,9 @@ def test_what_it_lacks_is_usual_for_what_turns_and_what_slides(tmp_path):
 
 def test_a_range_that_is_none_is_refused_unless_another_is_given(tmp_path):
     found = facts(tmp_path, limit='<limit lower="2" upper="1" velocity="1"/>')
-    with pytest.raises(RobotError, match=r"joint 'rise': has position = \[2, 1\] in the URDF"):
+    with pytest.raises(
+        RobotError, match=r"joint 'rise': has position = \[2, 1\] in the model file"
+    ):
         found.refuse_ranges(["grip=0:1"])
     found.refuse_ranges(["grip=0:1", "rise=0:1"])
 

@@ -13,7 +13,7 @@ from armguard.lab.new_robot.questions import (
 )
 
 JOINTS = ["shoulder", "elbow", "wrist"]
-KNOWN = {"shoulder": Figure(1.0, "the URDF")}
+KNOWN = {"shoulder": Figure(1.0, "the model file")}
 USUAL = dict.fromkeys(JOINTS, Figure(3.0, "CHOSEN"))
 QUESTION = Question(
     "--velocity", "velocity limits", "no joint is faster", read_number, KNOWN, USUAL
@@ -27,7 +27,7 @@ def answer(*given, ask=None, takes_usual=False, question=QUESTION):
 
 
 def test_a_number_is_for_joints_that_lack_one_and_a_name_goes_before_the_urdf():
-    known = (1.0, "the URDF")
+    known = (1.0, "the model file")
     assert answer("2") == {"shoulder": known, "elbow": (2.0, GIVEN), "wrist": (2.0, GIVEN)}
     assert answer("2", "sh*=4", "wrist=5") == {
         "shoulder": (4.0, GIVEN),
@@ -47,8 +47,8 @@ def test_what_is_usual_is_taken_only_where_that_is_said():
     with pytest.raises(RobotError) as caught:
         answer("elbow=2")
     assert str(caught.value) == (
-        "--velocity: is missing: the URDF has no velocity limits of wrist; expected a number for "
-        "all of them, or JOINT=NUMBER; --yes takes what is usual: 3"
+        "--velocity: is missing: the model file has no velocity limits of wrist; expected a number "
+        "for all of them, or JOINT=NUMBER; --yes takes what is usual: 3"
     )
 
 

@@ -25,8 +25,8 @@ def make_new(**changes):
             "finger": LockedJoint(travel=(0.0, 0.04)), "torso": LockedJoint(position=-0.25)
         },
         "lock_source": "They stand still.",
-        "position": {"a": Figure((-1.0, 2.0), "the URDF")},
-        "velocity": each(1.5, "the URDF", "CHOSEN: fast"),
+        "position": {"a": Figure((-1.0, 2.0), "the model file")},
+        "velocity": each(1.5, "the model file", "CHOSEN: fast"),
         "acceleration": each(9.0, "DERIVED: from efforts"),
         "position_error": each(0.001, "CHOSEN: the default"),
         "velocity_error": each(0.03, "GIVEN"),
@@ -47,7 +47,7 @@ def test_what_was_written_is_read():
     assert (read.joints["a"].position, read.joints[ODD].position) == ((-1.0, 2.0), None)
     assert read.joints[ODD].velocity_error == 0.03
     assert write_text(make_new()).count("position_error = 0.001 # CHOSEN: the default\n") == 2
-    assert read.source("a", "velocity") == "the URDF"
+    assert read.source("a", "velocity") == "the model file"
     assert read.source(ODD, "velocity") == "CHOSEN: fast"
     assert read.locked["finger"].travel == (0.0, 0.04)
     assert read.locked["torso"].position == -0.25
