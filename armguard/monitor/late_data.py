@@ -38,6 +38,10 @@ SHORTEST, PER_OCTAVE, BINS = 1e-4, 8, 160
 MOST_PAIRS = 256
 """Pairs that are evaluated once more, at most; where there are more, nothing is said."""
 
+LOOK_INTERVAL = 0.2
+"""Between two looks at what fresh data would give, while the level is the same and the same sources
+are late, in [s]. A look takes as long as to evaluate all that is near."""
+
 JOINT_STATES = "joint states"
 
 
@@ -125,7 +129,10 @@ class LateData:
 
     def reset(self) -> None:
         """Time may start anew; usual ages stay what they are."""
-        self._sample_at = -math.inf
+        self._sample_at = self._asked_at = -math.inf
+        self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
+        self._fresh = Level.STOP
+        self._owners: list[int] = []
 
     def follow(self, tick: Tick) -> None:
         """Take in the ages of a tick; most ticks take in nothing."""
@@ -143,6 +150,9 @@ class LateData:
     def explain(self, tick: Tick, level: Level) -> list[Reason]:
         """Reasons that name late data, where these alone have made the level of a tick so low.
 
+        What fresh data would give is looked up anew after `LOOK_INTERVAL`, and where the level is
+        another or other sources are late.
+
         Args:
             tick: The tick.
             level: What it earns by itself, below CLEAR, for nothing but contact times.
@@ -151,33 +161,45 @@ class LateData:
         sources = self._find_late_sources(tick.now)
         if not (arm_late > 0.0 or sources):
             return []
-        horizon = tick.stop_time + self._rule.aware_margin
-        listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
-        near = listing.pairs[~(listing.expiry > tick.time + horizon)]
-        if not 0 < len(near) < MOST_PAIRS:
+        asked = level, arm_late > 0.0, tuple(sources)
+        if asked != self._asked or not tick.now - self._asked_at < LOOK_INTERVAL:
+            self._asked, self._asked_at = asked, tick.now
+            self._fresh, self._owners = self._look(tick, level, arm_late, sources)
+        if not self._fresh > level:
             return []
-        rows = np.unique(near // len(self._scheduler.arm.links))
-        late = self._find_late_rows(rows, tick.now, sources)
-        if not (arm_late > 0.0 or late):
-            return []
-        fresh = self._grade(tick, near, arm_late, late)
-        if not fresh > level:
-            return []
-        table = self._obstacles.table
         ages = {JOINT_STATES: (tick.arm_age, arm_late)} if arm_late > 0.0 else {}
-        for row, lateness in late.items():
-            name = sources[int(table.owner[row])]
-            age = tick.now - float(table.accepted.stamp[row])
-            ages[name] = max(ages.get(name, (0.0, 0.0)), (age, lateness))
+        for owner in self._owners:
+            age = tick.now - self._obstacles.source_states[owner].newest
+            ages[sources[owner]] = age, self._source_ages[owner].find_lateness(age)
         return [
             Reason(
                 ReasonKind.LATE_DATA,
                 name,
                 f"{1e3 * age:.0f} ms old, usually {1e3 * (age - lateness):.0f} ms; with fresh "
-                f"data: {fresh.name}",
+                f"data: {self._fresh.name}",
             )
             for name, (age, lateness) in ages.items()
         ]
+
+    def _look(
+        self, tick: Tick, level: Level, arm_late: float, sources: dict[int, str]
+    ) -> tuple[Level, list[int]]:
+        """The level that fresh data would give, and the numbers of the late sources that matter.
+
+        That is `level` where it is unknown, or no late data matter.
+        """
+        horizon = tick.stop_time + self._rule.aware_margin
+        listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
+        near = listing.pairs[~(listing.expiry > tick.time + horizon)]
+        if not 0 < len(near) < MOST_PAIRS:
+            return level, []
+        rows = np.unique(near // len(self._scheduler.arm.links))
+        late = self._find_late_rows(rows, tick.now, sources)
+        if not (arm_late > 0.0 or late):
+            return level, []
+        owner = self._obstacles.table.owner
+        owners = sorted({int(owner[row]) for row in late})
+        return self._grade(tick, near, arm_late, late), owners
 
     def compile(self, tick: Tick) -> None:
         """Run once what only some ticks need, so that nothing is compiled in a tick."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armguard.monitor.late_data import FEWEST_SAMPLES, SAMPLES, UsualAge
+from armguard.monitor.late_data import FEWEST_SAMPLES, SAMPLES, LateData, UsualAge
 from armguard.obstacles import Obstacles
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor
@@ -78,6 +78,18 @@ def test_what_is_said_of_late_data_changes_nothing_else(monkeypatch, schedule):
         assert one._replace(**fields) == other._replace(**fields)
         assert kinds(one) - {ReasonKind.LATE_DATA} == kinds(other)
     np.testing.assert_array_equal(seen, unmoved)
+
+
+def test_what_fresh_data_would_give_is_asked_a_few_times_and_told_in_every_tick(monkeypatch):
+    looks, look = [], LateData._look
+    monkeypatch.setattr(LateData, "_look", lambda *some: looks.append(some[1].now) or look(*some))
+    verdicts = watch((2.0, 2.17))
+    told = [verdict.stamp for verdict in verdicts if tell(verdict)]
+    assert len(told) > 50
+    assert len(looks) <= 8
+    # Ages go on with time between two looks.
+    ages = {reason.detail.split(" ms")[0] for one in verdicts for reason in tell(one)}
+    assert len(ages) > 0.8 * len(told)
 
 
 def test_the_usual_age_is_the_median_of_the_last_samples():
