@@ -133,6 +133,7 @@ class LateData:
         self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
         self._fresh = Level.STOP
         self._owners: list[int] = []
+        self._lateness: dict[str, float] = {}
 
     def follow(self, tick: Tick) -> None:
         """Take in the ages of a tick; most ticks take in nothing."""
@@ -165,12 +166,17 @@ class LateData:
         if asked != self._asked or not tick.now - self._asked_at < LOOK_INTERVAL:
             self._asked, self._asked_at = asked, tick.now
             self._fresh, self._owners = self._look(tick, level, arm_late, sources)
+            self._lateness = {}
         if not self._fresh > level:
             return []
         ages = {JOINT_STATES: (tick.arm_age, arm_late)} if arm_late > 0.0 else {}
         for owner in self._owners:
             age = tick.now - self._obstacles.source_states[owner].newest
             ages[sources[owner]] = age, self._source_ages[owner].find_lateness(age)
+        # Of data that are less late than at the look it is not known that they make a difference.
+        if any(lateness < self._lateness.get(name, 0.0) for name, (_, lateness) in ages.items()):
+            return []
+        self._lateness = self._lateness or {name: late for name, (_, late) in ages.items()}
         return [
             Reason(
                 ReasonKind.LATE_DATA,
