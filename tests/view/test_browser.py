@@ -183,6 +183,15 @@ def wait_for_text(page, element, text):
     )
 
 
+def wait_for_room(page):
+    """Until the next event gets a marker of its own: of two that are close, one is shown."""
+    page.wait_for_function(
+        "() => document.querySelector('#events button')"
+        " && [...document.querySelectorAll('#events button')].every("
+        "(marker) => parseFloat(marker.style.left) + 40 < marker.parentElement.clientWidth)"
+    )
+
+
 def take_picture(page):
     """Pixels of the pane, once what the panels say is drawn. Shape (height, width, 3)."""
     settle(page)
@@ -925,11 +934,13 @@ def test_a_reset_from_the_page_needs_the_token(browser):
             with launch(feed.publisher.address) as view:
                 page.goto(view.url)
                 wait_for_text(page, "remedy", "has the token")
+                wait_for_room(page)
                 page.fill("#token", "guessed")
                 page.click("#reset button")
                 wait_for_text(page, "outcome", "refused")
                 page.wait_for_selector("#events .refused")
                 assert page.is_visible("#latch")
+                wait_for_room(page)
                 page.fill("#token", "sesame")
                 while page.is_visible("#latch"):  # at most one attempt a second is handed on
                     page.evaluate(
