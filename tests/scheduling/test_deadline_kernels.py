@@ -13,7 +13,7 @@ from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import BELIEVED, accept_at
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling import deadline_kernels
-from armguard.scheduling.certificates import PROVED, UNPLACED
+from armguard.scheduling.certificates import PROVED, UNPLACED, stop_place
 from armguard.scheduling.deadline_kernels import (
     CROWD,
     MOST_READ_AHEAD,
@@ -315,11 +315,22 @@ def prove_rest(pace):
         later = tick._replace(number=tick.number + number, now=now, time=now)
         return scheduler.recall_stops(later, end, 0.0, kept_since)
 
-    return scheduler, recall
+    def renew():
+        """Prove the same once more, just before that proof ends; number of the tick after."""
+        proofs = scheduler.certificates.proofs
+        place = stop_place(obstacles.row("ball"), pace is not None)
+        number = round(proofs.until[place] / PERIOD) - 1
+        now = number * PERIOD
+        later = tick._replace(number=tick.number + number, now=now, time=now)
+        scheduler.find_unsafe(later, end, lasting=0.015, pause=PERIOD, kept_since=since)
+        assert proofs.made_at[place] == now
+        return number + 1
+
+    return scheduler, recall, renew
 
 
 def test_what_was_proved_of_a_slow_arm_counts_while_it_was_no_faster():
-    _, recall = prove_rest(0.2)
+    _, recall, _ = prove_rest(0.2)
     assert recall(1, 0.0) == PROVED
     # Since then it may have been faster; and of an arm at any speed nothing was proved.
     assert recall(2, math.nextafter(0.0, 1.0)) != PROVED
@@ -329,13 +340,28 @@ def test_what_was_proved_of_a_slow_arm_counts_while_it_was_no_faster():
 @pytest.mark.parametrize("pace", [None, 0.2])
 def test_a_proof_outlasts_a_state_that_agrees_with_all_that_it_rests_on(pace):
     since = None if pace is None else 0.0
-    _, recall = prove_rest(pace)
+    _, recall, _ = prove_rest(pace)
     assert recall(1, since) == PROVED
     for states in ("states", "reference_states"):
-        scheduler, recall = prove_rest(pace)
+        scheduler, recall, _ = prove_rest(pace)
         # As if that had been another state, with which the next one does not agree.
         getattr(scheduler.certificates.proofs, states).points[:, :, 0] += 1.0
         assert recall(1, since) != PROVED
+
+
+@pytest.mark.parametrize("pace", [None, 0.2])
+def test_a_renewed_proof_rests_on_the_state_by_which_links_were_not_asked_then(pace):
+    """What has been evaluated anew since the first proof has other certificates by then."""
+    since = None if pace is None else 0.0
+    _, recall, renew = prove_rest(pace)
+    assert recall(renew(), since) == PROVED
+    scheduler, recall, renew = prove_rest(pace)
+    # As if they had been made for another state by then, with which the next one does not agree.
+    points = scheduler.certificates.reference_states.points
+    points[:, :, 0] += 1.0
+    number = renew()
+    points[:, :, 0] -= 1.0
+    assert recall(number, since) != PROVED
 
 
 @pytest.mark.parametrize("count", [0, 1, MOST_READ_AHEAD + 50])
