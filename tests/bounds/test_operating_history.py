@@ -134,6 +134,16 @@ def test_what_reads_slow_but_moves_fast_is_found_by_its_way():
     assert finding[:2] == (2, TOO_FAR)
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_what_reads_at_rest_is_found_by_how_far_it_got_whichever_way(way):
+    """It cannot have sped up as hard as it may brake."""
+    far = 0.5 * ACCELERATION * 0.1**2 + VELOCITY_ERROR * 0.1 + 2.0 * POSITION_ERROR
+    for excess, is_found in ((-1e-6, False), (1e-6, True)):
+        stamp, finding = first_break([(0.0, 0.0, 0.0), (0.1, way * (far + excess), 0.0)])
+        assert (stamp == 0.1) == is_found
+        assert not is_found or finding == (2, TOO_FAR, pytest.approx(excess, rel=1e-3))
+
+
 def test_a_break_is_found_again_until_it_is_over_and_the_limits_are_kept_after_that():
     history = make()
     fast = on_axis(1.5)
