@@ -154,14 +154,17 @@ def test_what_is_not_known_never_stays():
         assert not stays(moving, zone, now, horizon)
 
 
-def test_all_states_that_may_be_true_must_stay():
+@pytest.mark.parametrize(("first", "then"), [(0.0, 3.0), (3.0, 0.0), (0.0, 0.5)])
+def test_all_states_that_may_be_true_must_stay(first, then):
+    """Whether the accepted state is inside, or the one that was refused, or both."""
     obstacles, zone = Obstacles(accel=1.0, speed=1.0), read_zone(BOX)
-    obstacles.update(["body"], 0.0, [[0.0, 0.0, 0.2]], [[0.0, 0.0, 0.0]], radius=0.1)
-    assert stays(obstacles, zone, 0.0, 0.1)
+    still = {"velocity": [[0.0, 0.0, 0.0]], "radius": 0.1}
+    obstacles.update(["body"], 0.0, [[first, 0.0, 0.2]], **still)
+    assert stays(obstacles, zone, 0.0, 0.1) == (first < 1.0)
     # It cannot have jumped there; one of the two is wrong, and none can tell which.
-    obstacles.update(["body"], 0.01, [[3.0, 0.0, 0.2]], [[0.0, 0.0, 0.0]], radius=0.1)
+    obstacles.update(["body"], 0.01, [[then, 0.0, 0.2]], **still)
     assert obstacles.table.refused[0]
-    assert not stays(obstacles, zone, 0.01, 0.1)
+    assert stays(obstacles, zone, 0.01, 0.1) == (max(first, then) < 1.0)
 
 
 def test_an_entrance_stays_where_all_that_comes_out_of_it_does():
