@@ -118,6 +118,23 @@ def test_contact_is_let_be_before_its_time_and_the_arm_rests_at_it(cell):
     assert found[2][0]
 
 
+@pytest.mark.parametrize("rate", [0.0, PACE])
+def test_a_pair_is_watched_as_soon_as_an_arm_that_keeps_to_a_scale_might_rest_too_late(cell, rate):
+    """It is told to stop at the end of that scale, not by the next verdict already."""
+    _, monitor = fresh(cell)
+    until, told = 1.0, []
+    monitor.ignore("panda_hand", "fixture", until=until)
+    for tick in range(500):
+        now = tick * PERIOD
+        verdict = monitor.step(now, round_to(rate * now), rate * np.eye(7)[0])
+        rests_at = now + monitor._last[0].late_stop_time
+        assert rests_at > now + verdict.stop_time
+        assert (ReasonKind.PAIR_IGNORED in kinds(verdict)) == (rests_at < until)
+        told.append(rests_at < until)
+    assert any(told)
+    assert not all(told)
+
+
 def test_an_obstacle_that_leaves_its_zone_is_watched_before_it_can_be_touched(cell):
     """It sets off when it likes, within its bounds, to be in the way of an arm that swings."""
     obstacles, monitor = cell
