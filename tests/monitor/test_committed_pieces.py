@@ -1058,6 +1058,43 @@ def test_a_piece_that_waits_is_joined_with_what_comes_before_it_or_not_at_all(le
         assert {id(older.plan), *told} <= {id(plan) for plan in one.before}
 
 
+def test_a_piece_that_waits_longer_is_not_joined_with_a_newer_one_that_has_begun():
+    """Until it begins the arm may be where neither of the two has it."""
+    _, monitor = make_monitor(motion="planned", rate=100.0)
+    monitor.step(0.0, HOME, STILL)
+    stays = make_plan(times=[0.0, 2.0], q=np.tile(HOME, (2, 1)), v=np.zeros((2, 7)))
+    for plan in (stays, make_plan(turn=0.01, stamp=0.1), make_plan(turn=0.05)):
+        assert monitor.commit(plan).safe
+    pieces, (tick, _) = monitor._judge.pieces, monitor._last
+    first, older, newer = pieces._pieces
+    assert older.plan.stamp > newer.plan.stamp
+    assert pieces._join(older, newer, tick) is None
+    assert pieces._join(first, newer, tick) is not None, "those that have begun are"
+
+
+@pytest.mark.parametrize("is_joined", [False, True])
+def test_pieces_that_are_kept_as_one_rest_on_what_is_known_when_they_are_joined(is_joined):
+    """A person is known vaguely when they are committed, and better when they are joined."""
+    obstacles, monitor = make_monitor(motion="planned", rate=100.0)
+    see_person(obstacles, 0.0, 1.9, position_error=0.05, velocity_error=0.5)
+    monitor.step(0.0, HOME, STILL)
+    for turn in (0.05, 0.06):
+        assert monitor.commit(make_plan(turn=turn)).safe
+    see_person(obstacles, 0.01, 1.9, position_error=0.01, velocity_error=0.05)
+    monitor.step(0.01, HOME, STILL)
+    pieces, (tick, _) = monitor._judge.pieces, monitor._last
+    assert len(pieces._pieces) == 2
+    if is_joined:
+        pieces._pieces = pieces._join_two(pieces._pieces, tick)
+        assert len(pieces._pieces) == 1
+    # It goes on in a way that the vague state allows for, and the better one does not.
+    for stamp, distance in ((0.02, 1.915), (0.03, 1.93)):
+        see_person(obstacles, stamp, distance, position_error=0.01, velocity_error=0.05)
+    assert not obstacles.table.refused[obstacles.row("ball")]
+    places = [piece.place for piece in pieces._pieces]
+    assert [pieces._known.has_changed(place) for place in places] == [is_joined] * len(places)
+
+
 def test_a_piece_that_the_arm_can_still_get_to_is_kept_wherever_it_waits():
     """Out and back again; a piece that begins where that ends. The first answer was lost."""
     _, monitor = make_monitor(motion="planned", rate=100.0)
