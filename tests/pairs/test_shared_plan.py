@@ -209,6 +209,20 @@ def test_a_plan_counts_from_its_beginning_until_its_end_and_not_beyond():
     assert not told.problems
 
 
+@pytest.mark.parametrize("order", [(0.3, 0.5), (0.5, 0.3)])
+def test_of_two_plans_that_count_the_one_that_lasts_longer_says_what_balls_can_do(order):
+    """It narrows most, whichever of them came first."""
+    robot, told, alone = panda(), Told(), Told()
+    other, single = (armguard.ArmObstacles(robot, operating=limits_of(robot)) for _ in range(2))
+    for lasting in order:
+        other.take_plan(steady(0.2), START + lasting)
+    single.take_plan(steady(0.2), START + 0.5)
+    for stamp in (START + 0.1, START + 0.4):
+        for one, table in ((other, told), (single, alone)):
+            one.publish(table, stamp, HOME, 0.2 * np.eye(7)[0])
+        assert (told.fields[3] == alone.fields[3]).all()
+
+
 @pytest.mark.parametrize(("speed", "is_broken"), [(0.2, False), (0.25, True), (-0.05, True)])
 def test_a_joint_that_is_faster_than_its_plan_is_a_break_and_ends_what_was_promised(
     speed, is_broken
