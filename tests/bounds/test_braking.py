@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import BrakingMotion
+from armguard.bounds import BrakingMotion, JointMotion
 from armguard.exceptions import ArmguardError
-from armguard.robot import Kinematics
+from armguard.lab.extremes.arms import make_arm
+from armguard.robot import Kinematics, Robot
 from support.hostile_joints import STEP, brake_joints, limits_of, move_joints
-from support.motion_questions import HAND_POINT, moderate_state, unit
+from support.motion_questions import HAND_POINT, altered, moderate_state, unit
 
 
 def test_a_braking_arm_rests_after_its_stop_time(robot, models):
@@ -101,6 +102,51 @@ def test_stopping_volume_contains_what_brakes(robot, models):
                 assert (used <= volumes[:, 3]).all()
                 closest = max(closest, (used / volumes[:, 3]).max())
     assert closest > 0.8
+
+
+def test_a_stopping_volume_reaches_as_far_as_points_may_get_in_every_direction():
+    """Against the bound on single points; a single joint leaves no room between the two."""
+    for joints in (1, 4):
+        arm, random = make_arm(joints), np.random.default_rng(joints)
+        names = "name", "model", "links", "cover", "joint_index"
+        errors = {"position_error": np.full(joints, 0.02)}
+        wrong = altered(arm, **errors, **{name: getattr(arm, name) for name in names})
+        braking, tightest = BrakingMotion(wrong, 0.02), np.inf
+        for _ in range(20):
+            q, v = moderate_state(arm, random)
+            volumes, row = braking.stopping_volume(q, v, 0.0, 0.0), 0
+            end = braking.stop_time(q, v, 0.0, 0.0)
+            kinematics = Kinematics(arm)
+            kinematics.compute(q, v)
+            places = kinematics.centers
+            for link in arm.links:
+                spheres = arm.cover.tree(link).spheres
+                for number, local in enumerate(spheres[:, :3]):
+                    place, radius = places[row + number], spheres[number, 3]
+                    ahead = kinematics.velocities[row + number]
+                    ways = [unit(random)]
+                    ways += [ahead / np.linalg.norm(ahead)] if ahead.any() else []
+                    for way in ways:
+                        most = braking.advance(q, v, link, local, way, end)
+                        error = braking.position_error[row + number]
+                        reached = (volumes[row + number, :3] - place) @ way
+                        reached += volumes[row + number, 3] - radius
+                        left = reached - most - error
+                        assert left >= -1e-12
+                        tightest = min(tightest, left)
+                row += len(spheres)
+        assert joints > 1 or tightest < 1e-6
+
+
+def test_beyond_the_range_of_brakes_a_point_may_go_as_far_as_without_any():
+    robot = Robot.load("panda")
+    braking, free = BrakingMotion(robot, 0.02), JointMotion(robot)
+    q, direction = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0]), np.array([0.0, 1.0, 0.0])
+    for share, is_covered in ((0.2, True), (0.9, False)):
+        v = share * robot.velocity_limit[0] * np.eye(7)[0]
+        assert braking.covers(v, 0.0, 0.0) == is_covered
+        question = q, v, "panda_hand", HAND_POINT, direction, 1.0
+        assert (braking.advance(*question) < 0.99 * free.advance(*question)) == is_covered
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf])
