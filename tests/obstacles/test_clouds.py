@@ -207,6 +207,18 @@ def test_a_late_cloud_tells_what_was_there_and_clears_nothing_newer():
     assert len(voxels(obstacles)) == count
 
 
+@pytest.mark.parametrize("field", ["speed", "accel"])
+def test_a_voxel_of_which_nothing_is_known_any_more_does_not_go_with_rays(field):
+    """A cloud with a bound that is no number: what made it could be anywhere, and not there."""
+    obstacles = Obstacles()
+    watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
+    before = voxels(obstacles)
+    watch((1.5, 0.0, 0.0, 0.1), 0.1, obstacles, **{field: math.nan})
+    assert obstacles.table.refused.any()
+    watch((0.7, 0.0, 2.0, 0.1), 0.2, obstacles)
+    assert voxels(obstacles).keys() == before.keys()
+
+
 def test_which_voxels_are_empty_is_as_the_rule_says():
     """The rule once more, ray by ray and voxel by voxel."""
     random = np.random.default_rng(4)
