@@ -109,6 +109,17 @@ def test_a_latched_fault_stays_until_reset_and_then_there_must_be_evidence(then)
     assert decide(rule, then + 1.01 * HOLD, 9.0) == (Level.CLEAR, False)
 
 
+@pytest.mark.parametrize("then", [1e6 + 60.0, 0.0, -50.0])
+def test_a_reset_asks_for_evidence_though_nothing_was_low_for_long(then):
+    rule = make_rule()
+    for now in (0.0, 5.0, 1e6):
+        assert decide(rule, now, 9.0) == (Level.CLEAR, False)
+    rule.reset()
+    assert decide(rule, then, 9.0) == (Level.STOP, True)
+    assert decide(rule, then + 0.99 * HOLD, 9.0) == (Level.STOP, True)
+    assert decide(rule, then + 1.01 * HOLD, 9.0) == (Level.CLEAR, False)
+
+
 def test_evidence_after_a_reset_is_counted_from_the_first_tick():
     """Whatever that tick saw; one that is not complete is no evidence either."""
     rule = make_rule()
