@@ -193,6 +193,19 @@ def test_feasible_motion_is_believed():
         assert receive(states, stamp, read_q, read_v, stamp) is None
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_joint_runs_into_its_stop_if_it_may_be_as_fast_as_its_error_allows(way):
+    """At 0.5 rad/s, right to 0.1 rad/s, it needs 0.6² / 2a to stop short of it."""
+    lower, upper, error, accel = np.full(1, -1.0), np.full(1, 1.0), np.full(1, 0.1), np.ones(1)
+    for spare, found in ((1e-9, NO_JOINT), (-1e-9, 0)):
+        q = way * np.full(1, 1.0 - 0.18 - spare)
+        assert find_runaway(q, way * np.full(1, 0.5), lower, upper, error, accel) == found
+    # One that reads as if it came back may go on.
+    at_stop = way * np.full(1, 1.0 - 1e-9)
+    assert find_runaway(at_stop, -way * np.full(1, 0.05), lower, upper, error, accel) == 0
+    assert find_runaway(at_stop, -way * np.full(1, 0.11), lower, upper, error, accel) == NO_JOINT
+
+
 def test_a_joint_without_stops_runs_into_none():
     q, v = np.zeros(1), np.array([5.0])
     endless = np.full(1, np.inf)
