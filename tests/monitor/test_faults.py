@@ -103,6 +103,20 @@ def test_latched_faults_stay_until_reset(name):
     assert (last.level, last.reasons) == (Level.CLEAR, ())
 
 
+def test_after_a_state_that_is_refused_no_certificate_of_before_counts(schedule):
+    """An arm that reports the impossible may have left what they rest on."""
+    obstacles, monitor = make_monitor(schedule)
+    see(obstacles, 0.0, [3.0, 0.0, 0.5])
+    before = steps(monitor, 0, 3)
+    assert schedule != "deadline" or before[-1].evaluated == 0
+    monitor.step(3 * PERIOD, HOME + np.nan, STILL)
+    others, anew = make_monitor(schedule)
+    see(others, 0.0, [3.0, 0.0, 0.5])
+    (later,), (first,) = steps(monitor, 4, 1), steps(anew, 4, 1)
+    assert later.evaluated == first.evaluated > 0
+    assert later.contact_time == first.contact_time
+
+
 def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
