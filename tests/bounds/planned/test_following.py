@@ -106,6 +106,47 @@ def test_plans_of_other_samples_differ_as_much_as_dense_samples_of_them_do(robot
     assert kinds == {None, "of", "go"}
 
 
+def test_a_plan_that_is_widened_holds_an_arm_on_either(robot):
+    """Wherever it is on the other one, within what it may be off that, and however fast."""
+    random = np.random.default_rng(4)
+    for _ in range(50):
+        checked, plans = check(robot, resting()), []
+        for count in random.integers(2, 6, 2):
+            times = np.append(0.0, np.cumsum(random.uniform(0.05, 0.2, count)))
+            q = HOME + 0.02 * random.normal(size=(count + 1, 7))
+            v = 0.1 * random.normal(size=(count + 1, 7))
+            v[-1] = 0.0
+            plans.append(
+                checked._replace(
+                    stamp=NOW + random.uniform(-0.1, 0.0),
+                    times=make_read_only(times),
+                    q=make_read_only(q),
+                    v=make_read_only(v),
+                    deviation=random.uniform(1e-3, 5e-3, 7),
+                    velocity_deviation=random.uniform(0.01, 0.1, 7),
+                    top_speed=random.uniform(0.1, 1.0, 7),
+                )
+            )
+        one, other = plans
+        wide = Following(robot).widen(one, other, NOW)
+        assert wide.q is other.q
+        assert wide.stamp == other.stamp
+        dense = np.linspace(
+            NOW, max(one.stamp + one.times[-1], other.stamp + other.times[-1]), 3001
+        )
+        for order, field in enumerate(("deviation", "velocity_deviation")):
+            places = [
+                Hermite(plan.times, plan.q, plan.v)(
+                    np.clip(dense - plan.stamp, 0.0, plan.times[-1]), order
+                ) for plan in (one, other)
+            ]  # fmt: skip
+            apart = np.abs(places[0] - places[1]).max(axis=0)
+            allowed = getattr(wide, field)
+            assert (allowed >= getattr(one, field) + apart - 1e-9).all(), field
+            assert (allowed >= getattr(other, field)).all()
+        assert (wide.top_speed >= np.maximum(one.top_speed, other.top_speed)).all()
+
+
 def test_a_plan_covers_another_only_where_it_is_the_same_to_the_end(robot):
     one = check(robot, moved(0, 0.5 * TIMES, 0.5))
     assert is_covered(one, one, NOW)

@@ -4,6 +4,7 @@ import pytest
 from armguard.bounds import Plan, append_stop, stop_on_path
 from armguard.bounds.planned.check import StopCheck
 from armguard.bounds.planned.curve import find_top_speeds
+from armguard.bounds.planned.stop import bound_path_braking
 from armguard.exceptions import ArmguardError
 from armguard.robot import Robot
 from armguard.robot.brakes import find_gentlest_stop
@@ -97,6 +98,25 @@ def test_a_stop_on_the_path_stays_on_it_and_no_joint_brakes_harder_than_guarante
         assert ((braking - bent) / np.maximum(ahead, 1e-12)).min() <= 1.3 / lasting
         assert (pace > 0.0).all()
     assert tried > 20
+
+
+def test_no_joint_needs_more_than_its_brakes_while_the_clock_slows_down_as_fast_as_is_found():
+    """Few samples, between which joints are faster than at either."""
+    random, tried = np.random.default_rng(8), 0
+    for _ in range(300):
+        times = np.append(0.0, np.cumsum(random.uniform(0.2, 0.6, 3)))
+        q, v = random.uniform(-0.1, 0.1, (2, 4, 3))
+        braking = random.uniform(2.0, 8.0, 3)
+        slowing, joint, _ = bound_path_braking(times, q, v, braking, 0.0, float(times[-1]))
+        if not slowing > 0.0:
+            continue
+        tried += 1
+        assert 0 <= joint < 3
+        along = np.linspace(0.0, times[-1], 2000)[:-1]
+        curve = Hermite(times, q, v)
+        needed = np.abs(curve(along, 2)) + slowing * np.abs(curve(along, 1))
+        assert (needed <= braking * (1.0 + 1e-9)).all()
+    assert tried > 50
 
 
 def test_a_path_that_bends_more_than_brakes_guarantee_has_no_stop_on_it(robot):
