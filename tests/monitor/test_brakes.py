@@ -71,6 +71,18 @@ def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
     assert verdict.speed_scale == 0.0
 
 
+def test_a_joint_state_that_is_old_leaves_time_to_get_too_fast():
+    _, monitor = make_ranged(rise_delay=0.0)
+    age = 0.01
+    most = RANGE - 0.02 - 15.0 * (age + PERIOD + 0.002 + 0.02)
+    for speed, is_covered in ((most - 1e-6, True), (most + 1e-6, False), (-most - 1e-6, False)):
+        monitor.reset()
+        verdict = monitor.step(0.0, HOME, moving(speed), age)
+        assert (UNBRAKED in kinds(verdict)) == (not is_covered)
+        assert (verdict.level is Level.STOP) == (not is_covered)
+        assert (verdict.stop_time == math.inf) == (not is_covered)
+
+
 def test_it_lasts_as_long_as_it_lasts_and_the_delay_beyond():
     _, monitor = make_ranged(rise_delay=0.05)
     fast = glide(monitor, 0, 20, 1.0)
