@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from armguard.bounds import BrakingMotion
 from armguard.monitor.kept_speeds import KeptSpeeds
@@ -73,6 +74,18 @@ def test_higher_speeds_and_gaps_begin_anew_and_a_fast_joint_counts_for_nothing()
     assert follow(504, 0.5, still + math.nan) == math.inf
     kept.reset()
     assert follow(505, 0.5) == 505 * PERIOD
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_joint_counts_as_fast_as_its_error_allows_and_as_it_can_become(way):
+    kept, braking, robot = KeptSpeeds(), BrakingMotion(panda(), 0.02), panda()
+    most = 0.5 * robot.velocity_limit - robot.velocity_error - 3e-3 * robot.acceleration_limit
+    for joint in range(7):
+        for spare, is_kept in ((1e-6, True), (-1e-6, False)):
+            v = way * (most[joint] - spare) * np.eye(7)[joint]
+            kept.reset()
+            since = kept.follow(make_tick(1, PERIOD, v, 0.0), 0.5, braking, 3e-3, 0.03)
+            assert (since < math.inf) == is_kept
 
 
 def test_of_ticks_at_the_same_time_the_earlier_do_not_count_for_a_higher_speed():
