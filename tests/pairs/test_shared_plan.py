@@ -241,6 +241,55 @@ def test_a_joint_that_is_faster_than_its_plan_is_a_break_and_ends_what_was_promi
         assert "leaves the plan that was shared" in fault.value
 
 
+@pytest.mark.parametrize("speed", [0.02, 0.05, 0.08])
+def test_a_joint_that_has_stopped_and_goes_on_at_once_stays_where_its_row_allows(speed):
+    """From rest up to the plan's speed by the operating acceleration, and on from there."""
+    robot, told = armguard.Robot.load("panda"), Told()
+    # So small that balls get no room from them.
+    robot.velocity_error, robot.position_error = np.full(7, 1e-4), np.full(7, 1e-5)
+    limits = limits_of(robot).resolve(robot)
+    arm = TrueArm(robot, pinocchio.SE3.Identity(), HOME, *limits)
+    levels = [robot.cover.spheres(one, min(1, robot.cover.levels(one) - 1)) for one in robot.links]
+    other = armguard.ArmObstacles(robot, operating=limits_of(robot))
+    times = np.arange(11.0)
+    q = HOME + np.outer(speed * times, np.eye(7)[0])
+    plan = steady(speed, times=times, q=q, v=np.tile(speed * np.eye(7)[0], (11, 1)))
+    quiet = np.full(7, 1e-4)
+    other.take_plan(plan._replace(velocity_tracking_error=quiet), START + 9.0)
+    other.publish(told, START + 0.01, HOME, STILL)
+    centers, velocities, _, accels, speeds, errors, velocity_errors = told.fields
+    assert not velocities.any()
+    closest, ramp = 0.0, speed / limits[1][0]
+    for time in np.linspace(0.01, 0.45, 23):
+        on = min(time, ramp)
+        turned = 0.5 * limits[1][0] * on**2 + speed * (time - on)
+        places = np.concatenate(
+            [
+                arm.points_at(HOME + turned * np.eye(7)[0], robot.joint_index(link), some[:, :3])
+                for link, some in zip(robot.links, levels, strict=True)
+            ]
+        )
+        moved = np.linalg.norm(places - centers, axis=1)
+        allowed = go_on(velocity_errors, accels, speeds, time) + errors
+        assert (moved <= allowed).all()
+        closest = max(closest, (moved / allowed).max())
+    assert closest > 0.3, "else nothing is narrow"
+
+
+def test_what_velocities_may_be_off_by_counts_to_how_fast_joints_are_under_a_plan():
+    """Where the plan leaves more room than joints can use, they go on from what was measured."""
+    accels = []
+    for error in (0.0, 0.1):
+        robot, told = armguard.Robot.load("panda"), Told()
+        robot.velocity_error = np.full(7, error)
+        other = armguard.ArmObstacles(robot, operating=limits_of(robot))
+        other.take_plan(steady(0.4), START + 0.5)
+        other.publish(told, START + 0.01, HOME, 0.1 * np.eye(7)[0])
+        accels.append(told.fields[3])
+    exact, vague = accels
+    assert vague[-1] > exact[-1]
+
+
 def test_what_was_promised_before_a_break_does_not_count_again_when_that_is_over():
     robot, told = panda(), [Told(), Told()]
     others = [armguard.ArmObstacles(robot, operating=limits_of(robot)) for _ in told]
