@@ -331,6 +331,20 @@ def test_a_hold_up_at_the_start_does_not_stay(holds):
     assert edge.offset_error == pytest.approx(0.008)
 
 
+def test_what_a_hold_up_at_the_start_may_have_hidden_widens_obstacles_from_then_on():
+    clock = HeldUpClock(*[0.008] * 100)
+    true_time = lambda: ManualClock.now(clock)  # noqa: E731  # the readings of others take no time
+    options = {"speed": 2.0, "accel": 10.0}
+    world = World(clock, monotonic=lambda: true_time() + MONOTONIC, **options)
+    clock.holds = []
+    world.send(obstacles(stamp=MONOTONIC + 4.9))
+    accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
+    late = 4.9 - world.stamp()
+    assert 0.0 < late <= 0.008 + 1e-9
+    assert accepted.position_error[row] >= 2.0 * (late - 1e-9)
+    assert accepted.velocity_error[row] >= 10.0 * (late - 1e-9)
+
+
 @pytest.mark.parametrize(("holds", "is_taken"), [([0.008] * 100, False), ([0.008] * 3, True)])
 def test_a_joint_state_is_dated_to_microseconds_or_refused(holds, is_taken):
     world = make_held_up_world(joint_clock=StampClock("unix"), drain_time=math.inf)
