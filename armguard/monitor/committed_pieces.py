@@ -15,8 +15,14 @@ wherever obstacles bring news, until one of these rules it out:
 - Its end. An arm that has come to rest there touches nothing.
 
 Every arm that rests until it takes up its first piece, and follows pieces that were answered safe,
-is then on a kept one at every time, so that what is proved of all kept pieces is proved of it. A
-controller that commits often leaves many that differ by little: from `MANY_PIECES` on two of them
+is then on a kept one at every time, so that what is proved of all kept pieces is proved of it.
+
+Joint states may show that the arm is on no kept piece, or a payload may end what their proofs rest
+on. The arm counts as free then, and the stop decision bounds it. Pieces that it could still take up
+stay on a list, *open* pieces. No piece is committed while there is one: the arm might follow the
+open piece instead.
+
+A controller that commits often leaves many that differ by little: from `MANY_PIECES` on two of them
 are kept as one, see `_join_two`.
 """
 
@@ -176,22 +182,27 @@ class CommittedPieces:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all pieces: from now on the arm may do what its joints can."""
-        self._pieces: list[Piece] = []
-        self.is_proved = False
-        self._motion = self._scheduler.arm.motion.planned
+        """Forget all pieces: the arm takes up none of them, and may do what its joints can."""
+        self._count_as_free([])
 
     @property
     def plans(self) -> list[CheckedPlan]:
-        """The pieces that the arm may be on."""
-        return [piece.plan for piece in self._pieces]
+        """The pieces that the arm may be on, or may still take up."""
+        return [*(piece.plan for piece in self._pieces), *self._open]
 
     def drop(self, subject: str, detail: str) -> Reason | None:
-        """Forget all pieces where their ground is gone; None if there were none."""
+        """Let no piece count as proved where the ground of proofs is gone; None if none did."""
         if not self.is_proved:
             return None
-        self.reset()
+        self._count_as_free(self._pieces)
         return Reason(ReasonKind.PLAN_VOID, subject, detail)
+
+    def _count_as_free(self, still_open: list[Piece]) -> None:
+        """Take the arm to do what its joints can; some pieces it may be on, or take up, even so."""
+        self._open = [piece.plan for piece in still_open]
+        self._pieces: list[Piece] = []
+        self.is_proved = False
+        self._motion = self._scheduler.arm.motion.planned
 
     def with_stop(self, plan: Plan) -> Plan:
         """A plan with a stop at its end; see `Monitor.with_stop`."""
@@ -208,6 +219,13 @@ class CommittedPieces:
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
         """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
         now, pieces = tick.now, self._pieces
+        if self._open:
+            latest = max(plan.end for plan in self._open)
+            return refuse_plan(
+                "plan",
+                "the arm may still follow a piece that was answered safe before: wait until joint "
+                f"states rule that out, for {latest - now:.3g} s at most",
+            )
         checked = self._check.check(plan, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
@@ -260,6 +278,11 @@ class CommittedPieces:
             Why the arm is on no piece any more, or on none that is safe; None otherwise.
         """
         self.evaluated = 0
+        self._open = [
+            plan
+            for plan in self._open
+            if tick.now < plan.end and self._can_follow(plan, tick, stamp)
+        ]
         if not self._pieces:
             return None
         if unplaced:
@@ -272,9 +295,8 @@ class CommittedPieces:
         kept, is_on_one = [], False
         for piece in self._pieces:
             found = check(piece.plan, tick.q, tick.v, stamp)
-            if found is None or stamp < piece.plan.now + self._latency:
-                # One that the arm can still get to is kept, wherever the arm is until it begins;
-                # and one whose answer may be on its way, for it is taken up when that arrives.
+            if found is None or self._may_be_on_its_way(piece.plan, stamp):
+                # One that the arm can still get to is kept, wherever the arm is until it begins.
                 kept.append(piece)
             if found is None:
                 found = self._find_waiting_elsewhere(piece, tick, stamp)
@@ -282,7 +304,7 @@ class CommittedPieces:
             strayed = found or strayed
         if not is_on_one:
             assert strayed is not None, "the last one was not followed"
-            self.reset()
+            self._count_as_free(kept)
             return Reason(ReasonKind.PLAN_VOID, *strayed)
         self._pieces = kept
         motion = self._planned_motion()
@@ -376,6 +398,15 @@ class CommittedPieces:
         if isinstance(course, Refusal) or self._find_contact(course, tick) is not None:
             return None
         return Piece(plan, course, before, newer.place)
+
+    def _can_follow(self, plan: CheckedPlan, tick: Tick, stamp: float) -> bool:
+        """Whether the arm may be on a piece by a joint state, or get to it."""
+        is_on = self._following.check(plan, tick.q, tick.v, stamp) is None
+        return is_on or self._may_be_on_its_way(plan, stamp)
+
+    def _may_be_on_its_way(self, plan: CheckedPlan, stamp: float) -> bool:
+        """Whether the answer may not have arrived at a stamp: the arm takes the piece up then."""
+        return stamp < plan.now + self._latency
 
     def _find_waiting_elsewhere(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
         """Why the arm is not where the proof of a piece has it until that begins; None if it is."""

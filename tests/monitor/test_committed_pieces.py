@@ -1107,14 +1107,59 @@ def test_a_piece_that_the_arm_can_still_get_to_is_kept_wherever_it_waits():
     for k in range(1, 9):
         monitor.step(0.01 * k, HOME, STILL)
     assert [plan.stamp for plan in monitor.plans] == [0.1, 0.0]
-    # With nothing else to be on, an arm that is not on its way is on no piece.
+
+
+@pytest.mark.parametrize("takes_up", [True, False])
+def test_while_the_arm_may_still_take_up_a_piece_none_is_committed(takes_up):
+    """The first answer was lost, so the arm waits at rest for a piece that begins later."""
     _, monitor = make_monitor(motion="planned", rate=100.0)
+    out = make_way([(3.0, 0.025), (-3.0, 0.05), (3.0, 0.025)], 0.0, 0.0, 0.0)
+    later = make_way([(1.0, 0.1), (-1.0, 0.1)], 0.1, 0.0, 0.0)
     monitor.step(0.0, HOME, STILL)
     for plan in (out, later):
         assert monitor.commit(plan).safe
     verdicts = [monitor.step(0.01 * k, HOME, STILL) for k in range(1, 9)]
     assert sum(ReasonKind.PLAN_VOID in kinds(verdict) for verdict in verdicts) == 1
-    assert not monitor.plans
+    # The arm is on no piece, and counts as free; but it still can take up the later one.
+    assert [plan.stamp for plan in monitor.plans] == [0.1]
+    assert all(verdict.stop != "finish" for verdict in verdicts)
+    stays = make_plan(times=[0.0, 0.3], q=np.tile(HOME, (2, 1)), v=np.zeros((2, 7)))
+    committed = []
+    for k in range(9, 40):
+        time = 0.01 * k
+        q, v = HOME.copy(), STILL.copy()
+        if takes_up:
+            q[0] = np.interp(time - 0.1, later.times, later.q[:, 0])
+            v[0] = np.interp(time - 0.1, later.times, later.v[:, 0])
+        monitor.step(time, q, v)
+        answer = monitor.commit(stays._replace(stamp=time, q=np.tile(q, (2, 1))))
+        if answer.safe:
+            committed.append(time)
+        elif v[0] == 0.0:
+            assert "answered safe before" in answer.reasons[0].detail
+    # Until joint states show that it rests instead, or it has come to the end of that piece.
+    assert committed[0] == pytest.approx(0.3 if takes_up else 0.15, abs=0.03)
+
+
+def test_after_a_change_of_payload_the_piece_that_the_arm_is_on_ends_first():
+    _, monitor = make_monitor(motion="planned", rate=100.0, robot=ranged_panda(), payload=0.0)
+    way = make_way([(0.5, 0.1), (-0.5, 0.1)], 0.0, 0.0, 0.0)
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(way).safe
+    answers = {}
+    for k in range(1, 24):
+        q, v = HOME.copy(), STILL.copy()
+        q[0] = np.interp(0.01 * k, way.times, way.q[:, 0])
+        v[0] = np.interp(0.01 * k, way.times, way.v[:, 0])
+        if k == 5:
+            monitor.payload = 1.0
+        verdict = monitor.step(0.01 * k, q, v)
+        assert (ReasonKind.PLAN_VOID in kinds(verdict)) == (k == 5)
+        if k >= 5:
+            rest = make_plan(times=[0.0, 0.1], q=np.tile(q, (2, 1)), v=np.zeros((2, 7)))
+            answers[k] = monitor.commit(rest._replace(stamp=0.01 * k))
+    assert all("answered safe before" in answers[k].reasons[0].detail for k in range(5, 20))
+    assert answers[21].safe
 
 
 def swing(monitor, k):
