@@ -13,7 +13,7 @@ import math
 STEADY_SHARE = 0.85
 """Up to which share of the scale that was proved no longer it rises again at first."""
 
-STEADY_TIME = 0.5
+STEADY_TIME = 0.25
 """For how long, in [s]."""
 
 

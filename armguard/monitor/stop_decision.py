@@ -33,6 +33,16 @@ SCALE_PROVING = 14e-3
 """For how long the proof of a speed scale below 1 should last, [s]: joints that keep to it get less
 far, so that hardly less is proved."""
 
+CAUTIOUS_TIME = 1.0
+"""For how long after a fall of the scale a higher one must be proved for `RISE_PROVING`, [s]."""
+
+RISE_PROVING = 35e-3
+"""For how long a higher scale must be proved after a fall before it is given out, [s]: the period of
+a camera at 30 Hz, and a little more. What is known of an obstacle gets vaguer until its next
+message, and a scale that is proved for less falls again before that. Without a fall no more than
+`SCALE_PROVING` is asked: the whole speed is often safe where a part of it cannot be proved for so
+long (`benchmarks/bench_scale.py`)."""
+
 SHORT = 1.5e-3
 """For how long that is proved of a scale which cannot be proved for so long, [s]: a scale is as
 high as can be, so that for some obstacle there is hardly any time to spare."""
@@ -73,7 +83,7 @@ class StopDecision:
     def reset(self) -> None:
         """Forget what was asked before."""
         self._unsafe_in = -9
-        self._raise_at = -math.inf
+        self._raise_at = self._fell_at = -math.inf
         self._kept.reset()
 
     def rests(self, tick: Tick) -> bool:
@@ -143,6 +153,7 @@ class StopDecision:
                     high = scale
                 scale = 0.5 * (found + high)
             self._raise_at = tick.time + RAISE_PAUSE
+            self._fell_at = tick.time
         return found
 
     def _may_rise(self, tick: Tick, scale: float) -> bool:
@@ -150,7 +161,8 @@ class StopDecision:
         if scale == 1.0:
             return self._is_whole_safe(tick, lasts=True)
         braking = self._scheduler.arm.motion.braking
-        horizon = self.looks_ahead + SCALE_PROVING
+        is_cautious = tick.time < self._fell_at + CAUTIOUS_TIME
+        horizon = self.looks_ahead + (RISE_PROVING if is_cautious else SCALE_PROVING)
         table = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon, pace=scale)
         return self._is_free(tick, table)
 

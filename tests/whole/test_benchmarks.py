@@ -283,16 +283,18 @@ def test_the_benchmark_beside_people_runs_and_nothing_in_it_is_refused(load, cap
     assert all(run.name in table for run in runs)
 
 
-def test_an_arm_that_takes_the_speed_scale_as_its_override_moves_smoothly(load):
+@pytest.mark.parametrize(("name", "path"), [("half speed", 2.4), ("0.35", 1.5)])
+def test_an_arm_that_takes_the_speed_scale_as_its_override_moves_smoothly(load, name, path):
     bench = load("bench_scale")
-    (scene,) = (one for name, one in bench.SCENES.items() if "0.35" in name)
-    smooth, rough = (bench.run(scene, 6.0, 0.0, scale_rise=rise) for rise in (1.0, 1e6))
-    assert smooth.contacts == rough.contacts == 0.0
-    assert smooth.full == rough.full == 0.0
-    assert smooth.slow > 0.5
-    assert smooth.reversals <= 4.0
-    assert smooth.jumps < 0.5 * rough.jumps
-    assert smooth.path > 0.9 * rough.path
+    (scene,) = (one for title, one in bench.SCENES.items() if name in title)
+    score = bench.run(scene, 6.0, 0.0, scale_rise=1.0)
+    assert score.contacts == score.full == 0.0
+    assert score.slow > 0.5
+    assert score.reversals <= 2.5  # at most 2 in 15 s; a short run may begin or end in a swing
+    assert score.jumps <= 4
+    assert score.stops == 0.0
+    # A scale that is raised as soon as a higher one is proved reverses 17 to 21 times a second.
+    assert score.path > path
 
 
 def test_rays_end_at_the_nearest_ball(load):
