@@ -517,15 +517,9 @@ class NewRobot:
 
     def run(self) -> int:
         """Ask, fit, write, and show what it costs."""
-        from armguard.lab.new_robot.command import Wishes, run_new
+        from armguard.lab.new_robot.command import run_new
 
-        said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        del said["action"]
-        del said["json"]
-        said["takes_usual"] = said.pop("yes")
-        if self.protrusion is not None:
-            said["protrusion"] = 1e-3 * self.protrusion
-        return run_new(Wishes(**said))
+        return run_new(self)
 
 
 @dataclasses.dataclass(frozen=True)
