@@ -538,10 +538,9 @@ class Faults:
 
     def run(self) -> int:
         """Make the campaign; the exit code is 1 where something is not as it must be."""
-        from armguard.app.terminal import print_json
         from armguard.lab.faults.command import run_faults
 
-        return run_faults(self.only, self.out, print_json)
+        return run_faults(self.only, self.out)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -584,22 +583,9 @@ class Tradeoff:
 
     def run(self) -> int:
         """Measure and write the report."""
-        from armguard.lab.study_facts import Workers
         from armguard.lab.tradeoff.command import run
 
-        return run(
-            self.cell,
-            person=self.person,
-            robot=self.robot,
-            balls=self.obstacles,
-            touching=self.touching,
-            out=self.out,
-            axes=self.axis,
-            seconds=self.seconds,
-            seed=self.seed,
-            plots=not self.no_plots,
-            workers=Workers(self.dask, self.workers, self.resume),
-        )
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -613,8 +599,6 @@ class Extremes:
     """The page to write; without it, it is printed."""
     seed: int = 0
     """Of all cases."""
-    small: Flag = False
-    """Leave out what takes long."""
     dask: str | None = None
     """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
     workers: int | None = None
@@ -629,8 +613,7 @@ class Extremes:
         from armguard.lab.extremes.command import run
         from armguard.lab.study_facts import Workers
 
-        workers = Workers(self.dask, self.workers, self.resume)
-        return run(self.out, seed=self.seed, is_small=self.small, workers=workers)
+        return run(self.out, self.seed, Workers(self.dask, self.workers, self.resume))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -642,12 +625,8 @@ class Paper:
 
     out: Path = Path("paper")
     """The folder to write the report into."""
-    period: tuple[float, ...] = ()
-    """Of ticks, in seconds; without it, the paper's 0.05 and the default's 0.001."""
     seed: int = 0
     """Of all motions."""
-    small: Flag = False
-    """Leave out what takes long."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
     json: Flag = False
@@ -657,13 +636,7 @@ class Paper:
         """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
         from armguard.lab.paper.command import run
 
-        return run(
-            self.out,
-            periods=self.period,
-            seed=self.seed,
-            is_small=self.small,
-            plots=not self.no_plots,
-        )
+        return run(self.out, self.seed, plots=not self.no_plots)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -53,10 +53,10 @@ def print_json(make: Callable[[], object]) -> None:
     """
     output = _report.get()
     if output is not None:
-        output.write(msgspec.json.encode(_to_plain(make())).decode() + "\n")
+        output.write(msgspec.json.encode(make_plain(make())).decode() + "\n")
 
 
-def _to_plain(value: Any) -> Any:
+def make_plain(value: Any) -> Any:
     """What JSON has a name for: records as objects, arrays as lists, paths as text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
@@ -67,9 +67,9 @@ def _to_plain(value: Any) -> Any:
     elif hasattr(value, "_asdict"):  # a NamedTuple
         value = value._asdict()
     if isinstance(value, Mapping):
-        return {str(key): _to_plain(item) for key, item in value.items()}
+        return {str(key): make_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_to_plain(item) for item in value]
+        return [make_plain(item) for item in value]
     return value
 
 

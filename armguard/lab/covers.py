@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
-from armguard.app.terminal import describe_column, make_console, print_json
+from armguard.app.terminal import make_console, print_json
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
 from armguard.cover.interchange import (
@@ -26,6 +25,7 @@ from armguard.cover.interchange import (
 )
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
+from armguard.jit.progress import following
 from armguard.lab.lever_report import JointLevers, compare_levers
 from armguard.robot.description import (
     COVER,
@@ -155,7 +155,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
-    cover = fit_with_bar(robot, spheres, protrusion)
+    cover = fit_cover(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
     print_json(lambda: describe(report, None if code else folder / COVER))
@@ -168,8 +168,8 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     return code
 
 
-def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
-    """Fit and prove a cover, with a bar that shows how far it is.
+def fit_cover(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
+    """Fit and prove a cover; a terminal is shown how far it is.
 
     Args:
         robot: Whose links to cover.
@@ -179,18 +179,8 @@ def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: floa
     Raises:
         CoverError: As `Cover.fit` does.
     """
-    columns = describe_column(), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeElapsedColumn(), console=make_console(stderr=True)) as progress:
-        bar = progress.add_task("reading", total=len(robot.links))
-        begun: list[str] = []
-
-        def show(link: str) -> None:
-            progress.update(bar, completed=len(begun), description=link)
-            begun.append(link)
-
-        cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
-        progress.update(bar, completed=len(begun), description="fitted and proved")
-    return cover
+    with following("fitting spheres to link", len(robot.links)) as begin:
+        return Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=begin)
 
 
 def prove(target: Target) -> int:

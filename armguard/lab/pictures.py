@@ -1,4 +1,4 @@
-"""Pictures of studies, drawn to PNG and SVG.
+"""Pictures of studies, drawn to PNG.
 
 They need matplotlib, which is in the extra `plot`.
 """
@@ -33,7 +33,7 @@ def check_plots() -> None:
 def draw_figures(
     drawn: Mapping[str, Callable[[Any], None]], size: tuple[float, float]
 ) -> dict[str, bytes]:
-    """PNG and SVG files by name; what is drawn alike gives equal files.
+    """PNG files by name.
 
     Args:
         drawn: Draws into a figure of matplotlib's, by name of the picture.
@@ -42,12 +42,10 @@ def draw_figures(
     import matplotlib.figure
 
     pictures: dict[str, bytes] = {}
-    with matplotlib.rc_context({"svg.hashsalt": "armguard", "svg.fonttype": "none"}):
-        for name, draw in drawn.items():
-            figure = matplotlib.figure.Figure(figsize=size, layout="constrained")
-            draw(figure)
-            for kind, options in (("png", {"dpi": DPI}), ("svg", {"metadata": {"Date": None}})):
-                file = io.BytesIO()
-                figure.savefig(file, format=kind, **options)
-                pictures[f"{name}.{kind}"] = file.getvalue()
+    for name, draw in drawn.items():
+        figure = matplotlib.figure.Figure(figsize=size, layout="constrained")
+        draw(figure)
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=DPI)
+        pictures[f"{name}.png"] = file.getvalue()
     return pictures

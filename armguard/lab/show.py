@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import make_console
 from armguard.cover.cover import Cover
-from armguard.lab.covers import Target, fit_with_bar
+from armguard.lab.covers import Target, fit_cover
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
 from armguard.view.messages import FrameMessage, LinkCover, SceneMessage, VerdictSummary
@@ -44,7 +44,7 @@ def show_arm(
     target = Target(name, None, package_dirs)
     console = make_console()
     if isinstance(target.robot, UrdfLinks):
-        cover = fit_with_bar(target.robot, None, None)
+        cover = fit_cover(target.robot, None, None)
     else:
         cover = target.robot.cover if target.cover is None else Cover.load(target.cover)
     scene = make_scene(target, cover)

@@ -98,10 +98,8 @@ class Workers(NamedTuple):
 
 
 @contextlib.contextmanager
-def open_rows(
-    workers: Workers, folder: Path | None, study: Mapping[str, str]
-) -> Iterator[Rows | None]:
-    """Rows that are measured where they are to be; None where none of that was asked for.
+def open_rows(workers: Workers, folder: Path | None, study: Mapping[str, str]) -> Iterator[Rows]:
+    """Rows that are measured where they are to be; kept only where that was asked for.
 
     Args:
         workers: Where.
@@ -112,7 +110,7 @@ def open_rows(
         ArmguardError: No worker can be had, or rows that are there are of another study.
     """
     if not workers.is_by_rows:
-        yield None
+        yield Rows(Here(names_machine=False), None, {}, resume=False)
         return
     software = describe_software()
     about = {**study, **{name: software[name] for name in SOFTWARE}}

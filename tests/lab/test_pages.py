@@ -8,9 +8,9 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.pages import (
     Column,
     list_pictures,
-    make_plain,
     write_csv,
     write_files,
+    write_html,
     write_json,
     write_page,
     write_table,
@@ -30,9 +30,10 @@ def test_a_column_shows_numbers_and_a_dash_where_one_is_none():
 
 
 def test_plain_data_is_rounded_off_and_null_where_it_is_no_number():
-    data = make_plain({**Record()._asdict(), "name": "x", "least": -math.inf})
-    assert data == {"count": 3, "share": 0.666667, "nothing": None, "name": "x", "least": None}
-    assert json.loads(write_json(data)) == data
+    data = {"rows": [Record()], "name": "x", "least": -math.inf}
+    assert json.loads(write_json(data)) == {
+        "rows": [{"count": 3, "share": 0.666667, "nothing": None}], "name": "x", "least": None
+    }  # fmt: skip
 
 
 def test_a_table_for_programs_has_the_same_numbers():
@@ -46,7 +47,7 @@ def test_a_table_for_people_keeps_its_columns_whatever_cells_hold():
 
 
 def test_a_page_has_its_parts_in_order():
-    pictures = list_pictures({"p": "one", "q": "none"}, ["p.svg", "p.png"])
+    pictures = list_pictures({"p": "one", "q": "none"}, ["p.png"])
     assert pictures == {"p.png": "one"}
     page = write_page("Title", ["one", "two"], ["## Body"], pictures, ["Seed: 0"], "t.csv")
     text = page.decode()
@@ -59,7 +60,9 @@ def test_a_page_has_its_parts_in_order():
     ]
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
-    assert "svg" not in text
+    html = write_html("A < B", page, {"p.png": b"\x89PNG"}).decode()
+    assert "<title>A &lt; B</title>" in html
+    assert 'src="data:image/png;base64,iVBORw=="' in html
 
 
 def test_files_are_written_or_named(tmp_path):

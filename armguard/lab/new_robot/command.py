@@ -20,7 +20,7 @@ from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.progress import following
-from armguard.lab.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
+from armguard.lab.covers import TOLERANCE, UNPROVED, fit_cover, show_report
 from armguard.lab.covers import describe as describe_cover
 from armguard.lab.new_robot.costs import (
     WALKING_SPEED,
@@ -212,7 +212,7 @@ def make_folder(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: As
     Arguments and errors are those of `prepare`, and a folder that cannot be written.
     """
     prepared = prepare(wishes, planning, asker)
-    cover = fit_with_bar(prepared.robot, wishes.spheres, _read_protrusion(wishes))
+    cover = fit_cover(prepared.robot, wishes.spheres, _read_protrusion(wishes))
     report = cover.check(prepared.robot)
     if report.proved:
         write_folder(wishes.out, prepared.text, cover, prepared.urdf)

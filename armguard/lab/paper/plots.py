@@ -20,7 +20,7 @@ CAPTIONS = {
 
 
 def draw_pictures(rows: Sequence[Row]) -> dict[str, bytes]:
-    """PNG and SVG files by name."""
+    """PNG files by name."""
     drawn = {"cost": _draw_cost, "awareness": _draw_awareness}
     return draw_figures(
         {name: functools.partial(draw, rows=rows) for name, draw in drawn.items()}, SIZE

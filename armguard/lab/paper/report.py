@@ -15,7 +15,6 @@ from armguard.lab.pages import (
     PAGE,
     Column,
     list_pictures,
-    make_plain,
     write_csv,
     write_files,
     write_json,
@@ -80,7 +79,7 @@ def describe(rows: Sequence[Row], interrupted: bool, facts: Mapping[str, str]) -
         **facts,
         "interrupted": interrupted,
         "summary": summarise(rows, interrupted),
-        "rows": [make_plain(row._asdict()) for row in rows],
+        "rows": rows,
         "exponents": fit_exponents(rows),
     }
 
@@ -173,7 +172,7 @@ def write_report(
     facts: Mapping[str, str],
     pictures: Mapping[str, bytes],
 ) -> None:
-    """Write all files; pictures are PNG and SVG by file name.
+    """Write all files; pictures are PNG files by name.
 
     Raises:
         ArmguardError: One of them cannot be written.

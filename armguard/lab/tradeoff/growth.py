@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -37,19 +36,6 @@ class Grown(NamedTuple):
     """Share of pairs that `daa` watches out of turn."""
     machine: str = ""
     """Where it was measured; empty where all is of this process."""
-
-
-def measure_growth(site: Site, seed: int) -> Iterator[Grown]:
-    """Ticks among more and more balls that mill about, for each schedule.
-
-    Args:
-        site: Where, and by what arm.
-        seed: Of all motions.
-    """
-    for count, setting in list_sizes():
-        grown = measure_size(site, seed, count, setting)
-        if grown is not None:
-            yield grown
 
 
 def list_sizes() -> list[tuple[int, Setting]]:

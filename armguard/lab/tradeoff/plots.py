@@ -27,7 +27,7 @@ POINTS = 600
 
 
 def draw_pictures(study: Study) -> dict[str, bytes]:
-    """PNG and SVG files by name."""
+    """PNG files by name."""
     drawn: dict[str, Callable[[Any], None]] = {
         "price": lambda axes: _draw_price(axes, study),
         "time": lambda axes: _draw_time(axes, study),
