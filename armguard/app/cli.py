@@ -97,21 +97,7 @@ class Demo:
         """Run the demo."""
         from armguard.lab.demo.launcher import run_demo
 
-        return run_demo(
-            robot=self.robot,
-            duration=self.duration,
-            person=self.person,
-            obstacle_count=self.obstacles,
-            schedule=self.schedule,
-            seed=self.seed,
-            view=not self.no_view,
-            port=self.port,
-            open_browser=self.open,
-            record=self.record,
-            export=self.export,
-            premises=self.premises,
-            as_json=self.json,
-        )
+        return run_demo(self)
 
 
 @dataclasses.dataclass(frozen=True)

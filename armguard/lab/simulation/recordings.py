@@ -24,6 +24,9 @@ Flags = NDArray[np.bool_]
 MARKER_ERROR = 0.002
 """What a tracked point may be off by, in [m]: ten times Vicon's own figure, for loose cloth."""
 
+SETBACK = 0.4
+"""[m]; see `place_recording`."""
+
 _AXES = ("RX", "RY", "RZ", "TX", "TY", "TZ")
 _UNITS = ("rad", "rad", "rad", "mm", "mm", "mm")
 _HEADER_LINES = 5
@@ -97,6 +100,17 @@ class Recording(SampledSource):
             accel=self.accel,
             speed=self.speed,
         )
+
+
+def place_recording(path: str | Path) -> Recording:
+    """A recorded person beside an arm whose base is at the origin.
+
+    People in recordings stood at a small table with the arm on it. Arms differ, and so would the
+    people's places: here they stand `SETBACK` farther away, along -y.
+    """
+    placement = np.eye(4)
+    placement[1, 3] = -SETBACK
+    return Recording(path, placement=placement)
 
 
 def estimate_velocities(

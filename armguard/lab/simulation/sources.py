@@ -7,10 +7,8 @@ obstacle table: the table itself, or a publisher that sends the same call over a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Protocol
-
-from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
 
@@ -18,20 +16,9 @@ from armguard.exceptions import ArmguardError
 class ObstacleSink(Protocol):
     """What takes obstacle states; `armguard.Obstacles` is one."""
 
-    def update(
-        self,
-        ids: Sequence[str],
-        stamp: float,
-        position: ArrayLike,
-        velocity: ArrayLike | None = None,
-        radius: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
-        source: str = "default",
-    ) -> None:
-        """Take the states of some obstacles; see `armguard.Obstacles.update`."""
+    @property
+    def update(self) -> Callable[..., object]:
+        """Takes the states of some obstacles; see `armguard.Obstacles.update`."""
         ...
 
 

@@ -6,7 +6,6 @@ at the same times. The arm goes on whatever is said: all settings judge the same
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,17 +14,15 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.exceptions import ArmguardError
 from armguard.lab.simulation import (
     JointTrajectory,
     ObstacleSource,
     ProceduralPerson,
-    Recording,
     WanderingBalls,
-    keeps_within,
-    random_trajectory,
 )
 from armguard.lab.simulation.person import DURATIONS
+from armguard.lab.simulation.recordings import place_recording
+from armguard.lab.simulation.trajectory import plan_work
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -44,10 +41,6 @@ count with the ones or the others judge the same arm."""
 
 LOWEST, NEAREST = 0.02, -0.13
 """The arm works above its table, and not far on the side that people come from (-y), in [m]."""
-
-SETBACK = 0.4
-"""People in recordings stood at a small table with the arm on it; here they stand this much farther
-away, along -y, in [m]: the arms differ, and so would the people's places."""
 
 TARGET = (0.0, -0.25, 0.35)
 """Where a simulated person reaches, in the frame of the arm's base, in [m]: near enough to where
@@ -169,9 +162,7 @@ def make_scene(
     told = []
     begin = 0.0
     if person is not None:
-        placement = np.eye(4)
-        placement[1, 3] = -SETBACK
-        recording = Recording(person, placement=placement)
+        recording = place_recording(person)
         sources.append(recording)
         seconds = min(seconds, recording.duration)
         begin = part * (recording.duration - seconds)
@@ -212,38 +203,31 @@ class _Notebook:
         position: ArrayLike,
         velocity: ArrayLike | None = None,
         radius: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
         source: str = "default",
+        **bounds: ArrayLike | None,
     ) -> None:
         """Take down one call."""
         count = len(ids)
+        name = self._site.sources[0] if self._site.sources else source
         if not count:
-            self._messages.append(_heartbeat(stamp - self._begin, self._name(source)))
+            self._messages.append(_heartbeat(stamp - self._begin, name))
             return
         places = np.array(position, dtype=np.float64).reshape(count, -1, 3)
         paces = np.zeros(places.shape)
         if velocity is not None:
             paces = np.array(velocity, dtype=np.float64).reshape(places.shape)
         base = self._site.base
-        named = {"accel": accel, "speed": speed, "position_error": position_error}
-        named["velocity_error"] = velocity_error
         self._messages.append(
             Message(
                 stamp - self._begin,
-                self._name(source),
+                name,
                 tuple(ids),
                 places @ base.rotation.T + base.translation,
                 paces @ base.rotation.T,
                 np.broadcast_to(np.asarray(radius, dtype=np.float64), (count,)).copy(),
-                {name: value for name, value in named.items() if value is not None},
+                {name: value for name, value in bounds.items() if value is not None},
             )
         )
-
-    def _name(self, source: str) -> str:
-        return self._site.sources[0] if self._site.sources else source
 
 
 def _heartbeat(stamp: float, source: str) -> Message:
@@ -270,21 +254,8 @@ def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
         velocities, accelerations = operating.resolve(robot)
         speed = min(speed, WITHIN * float((velocities / robot.velocity_limit).min()))
         acceleration = min(acceleration, WITHIN * float((accelerations / able).min()))
-    plan = functools.partial(
-        random_trajectory,
-        robot,
-        seed,
-        duration,
-        speed_fraction=speed,
-        acceleration_fraction=acceleration,
+    anywhere = (math.inf,) * 3
+    boxes = [((-math.inf, side, LOWEST), anywhere) for side in (NEAREST, -math.inf)]
+    return plan_work(
+        robot, seed, duration, boxes, speed_fraction=speed, acceleration_fraction=acceleration
     )
-    boxes = (
-        ((-math.inf, NEAREST, LOWEST), (math.inf,) * 3),
-        ((-math.inf, -math.inf, LOWEST), (math.inf,) * 3),
-    )
-    for box in boxes:
-        try:
-            return plan(accept=keeps_within(robot, *box))
-        except ArmguardError:
-            continue
-    return plan()
