@@ -49,9 +49,8 @@ the arm works that all levels occur, of an arm that keeps to its published opera
 CYCLE = 30.0
 """Until the arm's motion repeats, at most, in [s]."""
 
-CLEARANCE, HALL, BALL = 1.0, 4.0, 0.1
-"""Distance that balls keep from the arm's axis, half the width of where they are, and their radius,
-in [m]."""
+CLEARANCE = 1.0
+"""Distance that balls keep from the arm's axis, in [m]."""
 
 
 class Site(NamedTuple):
@@ -174,11 +173,7 @@ def make_scene(
         sources.append(ProceduralPerson(seed, visit, target=TARGET))
         told.append("a simulated person")
     if balls:
-        lower, upper = (-HALL, -HALL, 0.0), (HALL, HALL, 2.0)
-        crowd = WanderingBalls(
-            balls, seed, radius=BALL, lower=lower, upper=upper, clearance=CLEARANCE
-        )
-        sources.append(crowd)
+        sources.append(WanderingBalls(balls, seed, clearance=CLEARANCE))
         told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
