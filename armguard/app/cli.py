@@ -426,18 +426,7 @@ class Cover:
         """Do what the options ask for."""
         from armguard.lab.covers import run
 
-        return run(
-            self.robot,
-            limits=self.limits,
-            package_dirs=self.package_dirs,
-            spheres=self.spheres,
-            protrusion=None if self.protrusion is None else 1e-3 * self.protrusion,
-            out=self.out,
-            check=self.check,
-            spheres_from=self.spheres_from,
-            inflate=self.inflate,
-            export=self.export,
-        )
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TextIO
@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from rich.console import Console
 from rich.progress import ProgressColumn, TextColumn
+from rich.table import Table
 
 
 def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
@@ -24,6 +25,30 @@ def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
         soft_wrap: Whether long lines are left to the terminal.
     """
     return Console(stderr=stderr, soft_wrap=soft_wrap, markup=False, highlight=False)
+
+
+def make_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str | None = None,
+    caption: str | None = None,
+) -> Table:
+    """A table whose first column is of words and whose others are of numbers.
+
+    Args:
+        heads: Of its columns.
+        rows: Their cells.
+        title: Above it.
+        caption: Below it.
+    """
+    first, *others = heads
+    table = Table(first, title=title, caption=caption)
+    for head in others:
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 _report: ContextVar[TextIO | None] = ContextVar("report", default=None)

@@ -176,8 +176,8 @@ def check_page(out: Path) -> None:
         ) from None
 
 
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files of a report.
+def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write the files of a report; their paths.
 
     Args:
         folder: Which is there.
@@ -193,6 +193,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
             raise ArmguardError(
                 str(folder / name), f"cannot be written: {error.strerror}"
             ) from None
+    return [folder / name for name in files]
 
 
 def _list(lines: Iterable[str]) -> list[str]:

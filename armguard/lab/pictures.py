@@ -18,15 +18,18 @@ MARKS = "osD^vPXph<>"
 DPI = 90
 
 
-def check_plots() -> None:
+def check_plots(otherwise: str = ", or --no-plots") -> None:
     """Make sure that pictures can be drawn.
+
+    Args:
+        otherwise: What else can be done where they cannot.
 
     Raises:
         ArmguardError: They cannot.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise ArmguardError(
-            "pictures", "need matplotlib", remedy='pip install "armguard[plot]", or --no-plots'
+            "pictures", "need matplotlib", remedy=f'pip install "armguard[plot]"{otherwise}'
         )
 
 

@@ -11,16 +11,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich.table import Table
-
 from armguard.app import cli
 from armguard.app.processes import complain
-from armguard.app.terminal import make_console, print_json
-from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.app.terminal import make_console, make_table, print_json
+from armguard.cover.cover import Cover
 from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.progress import following
-from armguard.lab.covers import TOLERANCE, UNPROVED, fit_cover, show_report
+from armguard.lab.covers import (
+    UNPROVED,
+    fit_cover,
+    read_protrusion,
+    show_protruding,
+    show_report,
+)
 from armguard.lab.covers import describe as describe_cover
 from armguard.lab.new_robot.costs import (
     WALKING_SPEED,
@@ -120,10 +124,8 @@ def run_new(wishes: cli.NewRobot) -> int:
     if show_report(made.report) != 0:
         print_json(lambda: describe_cover(made.report))
         return UNPROVED
-    limit = _read_protrusion(wishes) or DEFAULT_PROTRUSION
-    for link, entry in made.report.links.items():
-        if wishes.spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
-            _print(f"{link}: sticks out by more than {1e3 * limit:g} mm")
+    if wishes.spheres is None:
+        show_protruding(made.report, read_protrusion(wishes.protrusion))
     _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
     for line in list_choices(made.description):
         _print(f"- {line}")
@@ -212,7 +214,7 @@ def make_folder(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: As
     Arguments and errors are those of `prepare`, and a folder that cannot be written.
     """
     prepared = prepare(wishes, planning, asker)
-    cover = fit_cover(prepared.robot, wishes.spheres, _read_protrusion(wishes))
+    cover = fit_cover(prepared.robot, wishes.spheres, read_protrusion(wishes.protrusion))
     report = cover.check(prepared.robot)
     if report.proved:
         write_folder(wishes.out, prepared.text, cover, prepared.urdf)
@@ -533,20 +535,15 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopF
     Returns:
         The same, by what was changed.
     """
-    table = Table(
-        "description", title="what each choice costs in STOP", title_justify="left",
-        caption_justify="left",
-    )  # fmt: skip
-    table.add_column("rests within, ms", justify="right")
-    table.add_column("STOP within, m", justify="right")
     most_accel, most_speed = Obstacles(sources=[]).bounds.others
-    table.caption = (
+    caption = (
         f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
         f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
         f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
         "a STOP."
     )
     costs: dict[str, StopFigures] = {}
+    rows: list[tuple[str, str, str]] = []
     cases = list(list_cases(robot, planning))
     with following("asking the monitor about case", len(cases)) as begin:
         for case in cases:
@@ -557,18 +554,17 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopF
                 complain(f"{case.name}: {error}")
                 continue
             stop_time, distance = costs[case.name] = figures
-            table.add_row(
-                case.name,
-                f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
-                f"{distance:.2f}" if distance < math.inf else "anywhere",
+            rows.append(
+                (
+                    case.name,
+                    f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
+                    f"{distance:.2f}" if distance < math.inf else "anywhere",
+                )
             )
-    make_console().print(table)
+    heads = ("description", "rests within, ms", "STOP within, m")
+    title = "what each choice costs in STOP"
+    make_console().print(make_table(heads, rows, title=title, caption=caption))
     return costs
-
-
-def _read_protrusion(wishes: cli.NewRobot) -> float | None:
-    """How far spheres may stick out, in [m]; None: not stated."""
-    return None if wishes.protrusion is None else 1e-3 * wishes.protrusion
 
 
 def _print(text: str) -> None:
