@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 from markdown_it import MarkdownIt
 
 from armguard.app.terminal import make_plain
@@ -56,6 +57,13 @@ class Column(NamedTuple):
         """The cell of a record; `UNKNOWN` if one of its numbers is none."""
         values = [getattr(record, field) for field in self.fields.split()]
         return self.form.format(*values) if all(map(math.isfinite, values)) else UNKNOWN
+
+
+def fit_exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
+    """The exponent e of values ~ sizes^e, by least squares on log axes; NaN of fewer than two."""
+    if len(sizes) < 2:
+        return math.nan
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
 def round_off(value: Any) -> Any:

@@ -7,6 +7,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.lab.pages import (
     Column,
+    fit_exponent,
     list_pictures,
     write_csv,
     write_files,
@@ -34,6 +35,12 @@ def test_plain_data_is_rounded_off_and_null_where_it_is_no_number():
     assert json.loads(write_json(data)) == {
         "rows": [{"count": 3, "share": 0.666667, "nothing": None}], "name": "x", "least": None
     }  # fmt: skip
+
+
+def test_exponents_are_those_of_powers():
+    pairs = [10, 100, 1000]
+    assert fit_exponent(pairs, [3.0 * count**1.5 for count in pairs]) == pytest.approx(1.5)
+    assert math.isnan(fit_exponent([10], [1.0]))
 
 
 def test_a_table_for_programs_has_the_same_numbers():

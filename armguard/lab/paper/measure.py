@@ -261,13 +261,6 @@ def count_comparisons(values: NDArray[np.float64]) -> int:
     return _Counting.comparisons
 
 
-def fit_exponent(pairs: Sequence[float], values: Sequence[float]) -> float:
-    """The exponent e of values ~ pairs^e, by least squares on log axes; NaN of fewer than two."""
-    if len(pairs) < 2:
-        return math.nan
-    return float(np.polyfit(np.log(pairs), np.log(values), 1)[0])
-
-
 def compute_claim(pairs: int) -> float:
     """L log2 L with L = ⌊log2 pairs⌋ + 1 buckets: the paper's O(log N log log N) in numbers."""
     buckets = math.floor(math.log2(pairs)) + 1

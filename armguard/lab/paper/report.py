@@ -14,6 +14,7 @@ from armguard.lab.pages import (
     JSON_FILE,
     PAGE,
     Column,
+    fit_exponent,
     list_pictures,
     write_csv,
     write_files,
@@ -28,7 +29,6 @@ from armguard.lab.paper.measure import (
     STOP_TIME,
     Row,
     compute_claim,
-    fit_exponent,
 )
 from armguard.lab.paper.plots import CAPTIONS
 

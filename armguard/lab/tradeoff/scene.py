@@ -88,6 +88,10 @@ class Message(NamedTuple):
     bounds: dict[str, Any]
     """Accelerations, speeds and errors, where they are stated."""
 
+    def bound(self, name: str, row: int, otherwise: float = 0.0) -> float:
+        """A bound or error of one row, `otherwise` where none is stated."""
+        return float(np.broadcast_to(self.bounds.get(name, otherwise), len(self.ids))[row])
+
     def tell(self, obstacles: Obstacles) -> None:
         """Hand it to a table."""
         obstacles.update(

@@ -341,15 +341,12 @@ def _is_sound(outcome: Outcome) -> bool:
 def _find_contacts(site: Site, scene: Scene, seconds: float) -> list[Contact]:
     table = site.make_obstacles().settings
 
-    def bounds(body: str, message: Message, row: int) -> tuple[float, float, float, float]:
-        def read(name: str, default: float) -> float:
-            return float(np.broadcast_to(message.bounds.get(name, default), len(message.ids))[row])
-
+    def bounds(message: Message, row: int) -> tuple[float, float, float, float]:
         return (
-            read("accel", table.accel),
-            read("speed", table.speed),
-            read("position_error", 0.0),
-            read("velocity_error", 0.0),
+            message.bound("accel", row, table.accel),
+            message.bound("speed", row, table.speed),
+            message.bound("position_error", row),
+            message.bound("velocity_error", row),
         )
 
     found = find_contacts(scene, TrueArm(site.robot, site.base), bounds)
@@ -387,17 +384,13 @@ def _list_bodies(scene: Scene, time: float, accel: float, speed: float) -> list[
             break
         if message.stamp < time - 0.05:
             continue
-        bounds = [
-            np.broadcast_to(message.bounds.get(name, default), len(message.ids))
-            for name, default in (("accel", accel), ("speed", speed))
-        ]
         for row, body in enumerate(message.ids):
             velocity = message.velocity[row].mean(axis=0)
             latest[body] = Body(
                 message.position[row] + velocity * (time - message.stamp),
                 velocity,
                 float(message.radius[row]),
-                float(bounds[0][row]),
-                float(bounds[1][row]),
+                message.bound("accel", row, accel),
+                message.bound("speed", row, speed),
             )
     return list(latest.values())
