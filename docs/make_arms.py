@@ -102,10 +102,10 @@ def fit_arm(path: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         wishes = make_wishes(path, scratch)
         try:
-            made = make_folder(wishes, None, Asker(None, takes_usual=True))
+            _, report = make_folder(wishes, None, Asker(None, takes_usual=True))
         except ArmguardError as error:
             return {"refused": describe_refusal(error)}
-        if not made.report.proved:
+        if not report.proved:
             return {"refused": "its cover could not be proved"}
         robot = Robot.load(wishes.out)
     spheres = sum(len(robot.cover.spheres(link)) for link in robot.links)

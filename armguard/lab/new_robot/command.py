@@ -120,14 +120,14 @@ def run_new(wishes: cli.NewRobot) -> int:
     is_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
     asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.yes)
     planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
-    made = make_folder(wishes, planning, asker)
-    if show_report(made.report) != 0:
-        print_json(lambda: describe_cover(made.report))
+    new, report = make_folder(wishes, planning, asker)
+    if show_report(report) != 0:
+        print_json(lambda: describe_cover(report))
         return UNPROVED
     if wishes.spheres is None:
-        show_protruding(made.report, read_protrusion(wishes.protrusion))
+        show_protruding(report, read_protrusion(wishes.protrusion))
     _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
-    for line in list_choices(made.description):
+    for line in list_choices(new):
         _print(f"- {line}")
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
@@ -137,8 +137,8 @@ def run_new(wishes: cli.NewRobot) -> int:
     print_json(
         lambda: {
             "wrote": [wishes.out / DESCRIPTION, wishes.out / COVER],
-            "cover": describe_cover(made.report),
-            "choices": list_choices(made.description),
+            "cover": describe_cover(report),
+            "choices": list_choices(new),
             "unused": unused,
             "costs": costs,
         }
@@ -161,14 +161,6 @@ class Prepared(NamedTuple):
     """Without a cover."""
     urdf: str | None
     """Text of a URDF that is to be written beside robot.toml."""
-
-
-class Made(NamedTuple):
-    """What was made of a URDF."""
-
-    description: NewRobot
-    report: CoverReport
-    """Nothing was written where it says that a link is not inside its spheres."""
 
 
 def prepare(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker) -> Prepared:
@@ -208,8 +200,12 @@ def _check_title(wishes: cli.NewRobot) -> None:
         )
 
 
-def make_folder(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker) -> Made:
-    """Describe a robot, fit and prove its cover, and write both.
+def make_folder(
+    wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker
+) -> tuple[NewRobot, CoverReport]:
+    """Describe a robot, fit and prove its cover, and write both; what it is like.
+
+    Nothing is written where a link is not inside its spheres.
 
     Arguments and errors are those of `prepare`, and a folder that cannot be written.
     """
@@ -218,7 +214,7 @@ def make_folder(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: As
     report = cover.check(prepared.robot)
     if report.proved:
         write_folder(wishes.out, prepared.text, cover, prepared.urdf)
-    return Made(prepared.description, report)
+    return prepared.description, report
 
 
 def check_new_folder(folder: Path) -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from armguard.lab.commission.lines import quote_key
+from armguard.lab.commission.lines import quote, quote_key
 from armguard.lab.new_robot.questions import Figure, Range, group_by_source
 from armguard.robot.description import LockedJoint
 
@@ -52,15 +51,15 @@ def write_text(new: NewRobot) -> str:
         "# Units: rad, rad/s, rad/s²; of joints that slide m, m/s, m/s². What is CHOSEN or",
         "# DERIVED is no data of this arm: put what its maker states in its place, and its source.",
         "",
-        f"title = {_quote(new.title)}",
-        f"urdf = {_quote(new.urdf)}",
+        f"title = {quote(new.title)}",
+        f"urdf = {quote(new.urdf)}",
     ]
     for key in ("package_dirs", "bare_links", "collision_from_visual"):
         if names := getattr(new, key):
-            lines.append(f"{key} = [{', '.join(map(_quote, names))}]")
+            lines.append(f"{key} = [{', '.join(map(quote, names))}]")
     general = {kind: _find_usual_source(new.figures[kind]) for kind in KINDS}
     lines += ["", "[sources]"]
-    lines += [f"{kind} = {_quote(source)}" for kind, source in general.items() if source]
+    lines += [f"{kind} = {quote(source)}" for kind, source in general.items() if source]
     for joint in new.figures["velocity"]:
         lines += ["", *_write_joint(new, joint, general)]
     lines += ["", *_write_brakes(new), ""]
@@ -76,7 +75,7 @@ def write_text(new: NewRobot) -> str:
         "[operating.published.sources]",
     ]
     working = {key: new.figures[f"operating_{key}"] for key in ("velocity", "acceleration")}
-    lines += [f"{key} = {_quote(_join_sources(figures))}" for key, figures in working.items()]
+    lines += [f"{key} = {quote(_join_sources(figures))}" for key, figures in working.items()]
     for key, figures in working.items():
         lines += ["", f"[operating.published.{key}]"]
         lines += [f"{quote_key(joint)} = {one.value!r}" for joint, one in figures.items()]
@@ -96,7 +95,7 @@ def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[
         figure = new.figures[kind][joint]
         lines.append(f"{kind} = {figure.value!r} # {figure.source}")
     if own:
-        entries = ", ".join(f"{kind} = {_quote(source)}" for kind, source in own.items())
+        entries = ", ".join(f"{kind} = {quote(source)}" for kind, source in own.items())
         lines.append(f"sources = {{ {entries} }}")
     return lines
 
@@ -119,7 +118,7 @@ def _write_brakes(new: NewRobot) -> list[str]:
         lines += [
             "[[brakes]]",
             f"load = {load.value!r} # {load.source}",
-            f"source = {_quote(source)}",
+            f"source = {quote(source)}",
             f"speed = {_write_table(speeds)}",
             f"deceleration = {_write_table(held)}",
             "",
@@ -147,11 +146,6 @@ def _join_sources(figures: Mapping[str, Figure[float]]) -> str:
     if len(by_source) == 1:
         return next(iter(by_source))
     return "; ".join(f"{', '.join(joints)}: {source}" for source, joints in by_source.items())
-
-
-def _quote(text: str) -> str:
-    """A basic string of TOML: JSON's escapes are among those that it knows."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def list_choices(new: NewRobot) -> list[str]:

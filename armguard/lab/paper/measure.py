@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.lab.paper.world import World
+from armguard.lab.rows import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 from armguard.scheduling.paper.partition import PartitionLaw
@@ -81,10 +82,6 @@ class Row(NamedTuple):
     """Of these, how many had gone before the pair's turn came."""
     unwatched: int
     """Ticks of pairs within the stop time that were neither in turn nor flagged: must be 0."""
-
-
-Tell = Callable[[str, float], None]
-"""Is told what is done, and which share of that is done."""
 
 
 def measure_claims(

@@ -133,7 +133,6 @@ class Scene:
         self.trajectory = _plan_work(site, seed, min(seconds, CYCLE))
         self.messages: list[Message] = []
         for source in sources:
-            source.publish(_Nobody(), begin - 1e-9)
             source.publish(_Notebook(self.messages, begin, site), begin + seconds)
         for name in site.sources[1:]:
             for tick in range(math.ceil(seconds / 0.05)):
@@ -182,15 +181,8 @@ def make_scene(
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
 
-class _Nobody:
-    """Takes what came before the scene."""
-
-    def update(self, *message: Any, **fields: Any) -> None:
-        pass
-
-
 class _Notebook:
-    """Takes down what a source says, at the scene's times."""
+    """Takes down what a source says from the scene's begin on, at the scene's times."""
 
     def __init__(self, messages: list[Message], begin: float, site: Site) -> None:
         self._messages, self._begin, self._site = messages, begin, site
@@ -206,6 +198,8 @@ class _Notebook:
         **bounds: ArrayLike | None,
     ) -> None:
         """Take down one call."""
+        if stamp < self._begin - 1e-9:
+            return
         count = len(ids)
         name = self._site.sources[0] if self._site.sources else source
         if not count:
