@@ -43,7 +43,7 @@ def make_table(
         caption: Below it.
     """
     first, *others = heads
-    table = Table(first, title=title, caption=caption)
+    table = Table(first, title=title, caption=caption, title_justify="left", caption_justify="left")
     for head in others:
         table.add_column(head, justify="right")
     for row in rows:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 from markdown_it import MarkdownIt
+from markdown_it.token import Token
 
 from armguard.app.terminal import make_plain
 from armguard.exceptions import ArmguardError
@@ -32,6 +33,7 @@ HTML_HEAD = """<!doctype html>
 body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
 table {{ border-collapse: collapse; font-size: 12px; display: block; overflow-x: auto; }}
 th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; }}
+th {{ text-align: left; }}
 td {{ white-space: nowrap; }}
 td:first-child {{ white-space: normal; min-width: 12em; }}
 img {{ max-width: 100%; display: block; }}
@@ -157,10 +159,13 @@ def write_html(title: str, page: bytes, folder: Mapping[str, bytes]) -> bytes:
     """
     parser = MarkdownIt("js-default")
     tokens = parser.parse(page.decode())
-    for token in (child for one in tokens for child in one.children or ()):
-        if token.type == "image":
-            image = base64.b64encode(folder[str(token.attrs["src"])]).decode()
-            token.attrs["src"] = f"data:image/png;base64,{image}"
+    for paragraph in tokens:
+        for token in paragraph.children or ():
+            if token.type == "image":
+                image = base64.b64encode(folder[str(token.attrs["src"])]).decode()
+                token.attrs["src"] = f"data:image/png;base64,{image}"
+                # What it shows stands below it.
+                paragraph.children = [token, Token("text", "", 0, content=token.content)]
     body = parser.renderer.render(tokens, parser.options, {})
     return f"{HTML_HEAD.format(title=html.escape(title))}{body}</body></html>\n".encode()
 
