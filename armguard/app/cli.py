@@ -387,9 +387,7 @@ class Show:
         """Serve the page until Ctrl-C."""
         from armguard.lab.show import show_arm
 
-        return show_arm(
-            self.robot, package_dirs=self.package_dirs, port=self.port, open_browser=self.open
-        )
+        return show_arm(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -586,9 +584,8 @@ class Extremes:
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
         from armguard.lab.extremes.command import run
-        from armguard.lab.study_facts import Workers
 
-        return run(self.out, self.seed, Workers(self.dask, self.workers, self.resume))
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -611,7 +608,7 @@ class Paper:
         """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
         from armguard.lab.paper.command import run
 
-        return run(self.out, self.seed, plots=not self.no_plots)
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -63,8 +63,7 @@ def _draw_stops(panel: Any, found: Findings, name: str) -> None:
         longest = max(longest, stop.response)
     panel.axvline(0.0, color="red", linewidth=0.8)
     panel.axvline(1e3 * longest, color="black", linestyle=":", linewidth=0.8)
-    panel.set_xlabel("since STOP [ms]; dotted: slows down at the latest")
-    panel.set_ylabel("speed")
+    panel.set(xlabel="since STOP [ms]; dotted: slows down at the latest", ylabel="speed")
 
 
 def _draw_stopping(panel: Any, found: Findings, name: str) -> None:
@@ -77,8 +76,7 @@ def _draw_stopping(panel: Any, found: Findings, name: str) -> None:
         before = entry.speed
     panel.set_xlim(left=0.0)
     panel.set_ylim(bottom=0.0)
-    panel.set_xlabel("speed; lines: what [[brakes]] states")
-    panel.set_ylabel("stopping time [ms]")
+    panel.set(xlabel="speed; lines: what [[brakes]] states", ylabel="stopping time [ms]")
 
 
 def _draw_velocities(panel: Any, found: Findings, name: str) -> None:
@@ -86,5 +84,4 @@ def _draw_velocities(panel: Any, found: Findings, name: str) -> None:
     seen, joint = found.seen, found.seen.robot.joints.index(name)
     panel.hist(np.abs(seen.v[:, joint]), bins=60, log=True)
     panel.axvline(found.limits[name].velocity, color="black", linestyle=":", linewidth=0.8)
-    panel.set_xlabel("speed; dotted: kept to")
-    panel.set_ylabel("joint states")
+    panel.set(xlabel="speed; dotted: kept to", ylabel="joint states")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import collections
 import sys
-from pathlib import Path
 
+from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
@@ -13,30 +13,29 @@ from armguard.lab.extremes.line import UNSOUND
 from armguard.lab.extremes.report import summarise, write_page
 from armguard.lab.extremes.rows import CASES, Extent, measure_rows
 from armguard.lab.pages import check_page, write_files
-from armguard.lab.study_facts import Workers, list_facts, open_rows, show_progress, tell_command
+from armguard.lab.study_facts import is_by_rows, list_facts, open_rows, show_progress, tell_command
 
 
-def run(out: Path | None, seed: int, workers: Workers) -> int:
+def run(wishes: cli.Extremes) -> int:
     """Measure all cases, and print or write the page; the exit code, 1 if a case is unsound.
 
     Args:
-        out: The page; None: it is printed.
-        seed: Of all cases.
-        workers: Where cases are measured.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: The page cannot be written, or lines cannot be measured where they are to be.
         KeyboardInterrupt: It came before there was anything to show.
     """
+    out, seed = wishes.out, wishes.seed
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
     if out is not None:
         check_page(out)
-    elif workers.is_by_rows:
+    elif is_by_rows(wishes):
         raise ArmguardError("--out", "is needed: lines are kept beside it", expected="a file")
     study = {"study": "extremes", "cases": str(CASES), "seed": str(seed)}
     folder = None if out is None else out.with_name(f"{out.name}.kept")
-    with open_rows(workers, folder, study) as rows, show_progress() as tell:
+    with open_rows(wishes, folder, study) as rows, show_progress() as tell:
         lines, is_whole = measure_rows(Extent(seed), rows, tell)
     if not lines:
         raise KeyboardInterrupt

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
+from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
@@ -16,21 +16,20 @@ from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import list_facts, make_folder, show_progress, tell_command
 
 
-def run(out: Path, seed: int, *, plots: bool) -> int:
+def run(wishes: cli.Paper) -> int:
     """Measure, write the report and print its summary; the exit code, 1 for an unwatched pair.
 
     Args:
-        out: Folder of the report.
-        seed: Of all motions.
-        plots: Whether to draw pictures.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: Something is unusable.
         KeyboardInterrupt: It came before there was anything to show.
     """
+    out, seed = wishes.out, wishes.seed
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
-    if plots:
+    if not wishes.no_plots:
         check_plots()
     make_folder(out)
     rows: list[Row] = []
@@ -44,7 +43,7 @@ def run(out: Path, seed: int, *, plots: bool) -> int:
                 raise
             interrupted = True
     facts = {"command": f"`{tell_command()}`", **list_facts(seed)}
-    write_report(out, rows, interrupted, facts, draw_pictures(rows) if plots else {})
+    write_report(out, rows, interrupted, facts, {} if wishes.no_plots else draw_pictures(rows))
     sys.stdout.write("".join(f"- {line}\n" for line in summarise(rows, interrupted)))
     sys.stdout.write(f"wrote {out / PAGE}\n")
     print_json(lambda: describe(rows, interrupted, facts) | {"wrote": out / PAGE})

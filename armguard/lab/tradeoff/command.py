@@ -13,9 +13,9 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import (
     VERSIONS,
-    Workers,
     describe_machine,
     digest_file,
+    is_by_rows,
     make_folder,
     open_rows,
     show_progress,
@@ -78,15 +78,14 @@ def run(wishes: cli.Tradeoff) -> int:
         "touching": str(touching),
         "seconds": f"{seconds!r}", "seed": str(seed),
     }  # fmt: skip
-    workers = Workers(wishes.dask, wishes.workers, wishes.resume)
-    with open_rows(workers, out, study_of) as rows, show_progress() as tell:
+    with open_rows(wishes, out, study_of) as rows, show_progress() as tell:
         try:
             study = run_study(
                 site, scene, chosen, seed, Covers(site.robot), tell, rows, trial,
-                in_turns=not workers.is_by_rows,
+                in_turns=not is_by_rows(wishes),
             )  # fmt: skip
         except KeyboardInterrupt:
-            if workers.is_by_rows and rows.kept:
+            if is_by_rows(wishes) and rows.kept:
                 complain(f"{rows.kept} settings are kept: --resume goes on with them")
             raise
     about = About(
