@@ -28,10 +28,10 @@ from support.slow_rows import (
     square,
     wait_then_measure,
     wait_then_square,
-    wait_until,
     within,
 )
 from support.tradeoff_cases import make_site, small_scene
+from support.waiting import wait_until
 
 pytest.importorskip("distributed", reason="Dask is not installed: the extra `cluster`")
 

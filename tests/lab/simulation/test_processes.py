@@ -5,7 +5,7 @@ import textwrap
 import msgspec
 
 from armguard.lab.simulation.processes import run_device, start_device
-from support.recordings_made import wait_until
+from support.waiting import wait_until
 
 runs, parents = [], []
 
