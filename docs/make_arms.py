@@ -16,8 +16,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from armguard.app.cli import NewRobot
 from armguard.exceptions import ArmguardError
-from armguard.lab.new_robot.command import Wishes, make_folder, prepare
+from armguard.lab.new_robot.command import make_folder, prepare
 from armguard.lab.new_robot.questions import Asker
 from armguard.robot import Robot
 
@@ -101,10 +102,10 @@ def fit_arm(path: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         wishes = make_wishes(path, scratch)
         try:
-            made = make_folder(wishes, None, Asker(None, takes_usual=True))
+            _, report = make_folder(wishes, None, Asker(None, takes_usual=True))
         except ArmguardError as error:
             return {"refused": describe_refusal(error)}
-        if not made.report.proved:
+        if not report.proved:
             return {"refused": "its cover could not be proved"}
         robot = Robot.load(wishes.out)
     spheres = sum(len(robot.cover.spheres(link)) for link in robot.links)
@@ -116,9 +117,9 @@ def describe_refusal(error: ArmguardError) -> str:
     return re.sub(r"/\S*/example-robot-data/robots/", "", str(error))
 
 
-def make_wishes(path: str, scratch: str) -> Wishes:
+def make_wishes(path: str, scratch: str) -> NewRobot:
     """What the command line says in each trial."""
-    return Wishes(Path(path), Path(scratch) / "arm", spheres=SPHERES, takes_usual=True)
+    return NewRobot("new", Path(path), Path(scratch) / "arm", spheres=SPHERES, yes=True)
 
 
 def write_page(rows: dict[str, dict[str, Any]]) -> str:

@@ -97,21 +97,7 @@ class Demo:
         """Run the demo."""
         from armguard.lab.demo.launcher import run_demo
 
-        return run_demo(
-            robot=self.robot,
-            duration=self.duration,
-            person=self.person,
-            obstacle_count=self.obstacles,
-            schedule=self.schedule,
-            seed=self.seed,
-            view=not self.no_view,
-            port=self.port,
-            open_browser=self.open,
-            record=self.record,
-            export=self.export,
-            premises=self.premises,
-            as_json=self.json,
-        )
+        return run_demo(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -401,9 +387,7 @@ class Show:
         """Serve the page until Ctrl-C."""
         from armguard.lab.show import show_arm
 
-        return show_arm(
-            self.robot, package_dirs=self.package_dirs, port=self.port, open_browser=self.open
-        )
+        return show_arm(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -440,18 +424,7 @@ class Cover:
         """Do what the options ask for."""
         from armguard.lab.covers import run
 
-        return run(
-            self.robot,
-            limits=self.limits,
-            package_dirs=self.package_dirs,
-            spheres=self.spheres,
-            protrusion=None if self.protrusion is None else 1e-3 * self.protrusion,
-            out=self.out,
-            check=self.check,
-            spheres_from=self.spheres_from,
-            inflate=self.inflate,
-            export=self.export,
-        )
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -517,15 +490,9 @@ class NewRobot:
 
     def run(self) -> int:
         """Ask, fit, write, and show what it costs."""
-        from armguard.lab.new_robot.command import Wishes, run_new
+        from armguard.lab.new_robot.command import run_new
 
-        said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        del said["action"]
-        del said["json"]
-        said["takes_usual"] = said.pop("yes")
-        if self.protrusion is not None:
-            said["protrusion"] = 1e-3 * self.protrusion
-        return run_new(Wishes(**said))
+        return run_new(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -544,10 +511,9 @@ class Faults:
 
     def run(self) -> int:
         """Make the campaign; the exit code is 1 where something is not as it must be."""
-        from armguard.app.terminal import print_json
         from armguard.lab.faults.command import run_faults
 
-        return run_faults(self.only, self.out, print_json)
+        return run_faults(self.only, self.out)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -590,22 +556,9 @@ class Tradeoff:
 
     def run(self) -> int:
         """Measure and write the report."""
-        from armguard.lab.study_facts import Workers
         from armguard.lab.tradeoff.command import run
 
-        return run(
-            self.cell,
-            person=self.person,
-            robot=self.robot,
-            balls=self.obstacles,
-            touching=self.touching,
-            out=self.out,
-            axes=self.axis,
-            seconds=self.seconds,
-            seed=self.seed,
-            plots=not self.no_plots,
-            workers=Workers(self.dask, self.workers, self.resume),
-        )
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -619,8 +572,6 @@ class Extremes:
     """The page to write; without it, it is printed."""
     seed: int = 0
     """Of all cases."""
-    small: Flag = False
-    """Leave out what takes long."""
     dask: str | None = None
     """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
     workers: int | None = None
@@ -633,10 +584,8 @@ class Extremes:
     def run(self) -> int:
         """Measure all cases; the exit code is 1 if one is unsound."""
         from armguard.lab.extremes.command import run
-        from armguard.lab.study_facts import Workers
 
-        workers = Workers(self.dask, self.workers, self.resume)
-        return run(self.out, seed=self.seed, is_small=self.small, workers=workers)
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -648,12 +597,8 @@ class Paper:
 
     out: Path = Path("paper")
     """The folder to write the report into."""
-    period: tuple[float, ...] = ()
-    """Of ticks, in seconds; without it, the paper's 0.05 and the default's 0.001."""
     seed: int = 0
     """Of all motions."""
-    small: Flag = False
-    """Leave out what takes long."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
     json: Flag = False
@@ -663,13 +608,7 @@ class Paper:
         """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
         from armguard.lab.paper.command import run
 
-        return run(
-            self.out,
-            periods=self.period,
-            seed=self.seed,
-            is_small=self.small,
-            plots=not self.no_plots,
-        )
+        return run(self)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TextIO
@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from rich.console import Console
 from rich.progress import ProgressColumn, TextColumn
+from rich.table import Table
 
 
 def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
@@ -24,6 +25,30 @@ def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
         soft_wrap: Whether long lines are left to the terminal.
     """
     return Console(stderr=stderr, soft_wrap=soft_wrap, markup=False, highlight=False)
+
+
+def make_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str | None = None,
+    caption: str | None = None,
+) -> Table:
+    """A table whose first column is of words and whose others are of numbers.
+
+    Args:
+        heads: Of its columns.
+        rows: Their cells.
+        title: Above it.
+        caption: Below it.
+    """
+    first, *others = heads
+    table = Table(first, title=title, caption=caption, title_justify="left", caption_justify="left")
+    for head in others:
+        table.add_column(head, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 _report: ContextVar[TextIO | None] = ContextVar("report", default=None)
@@ -53,10 +78,10 @@ def print_json(make: Callable[[], object]) -> None:
     """
     output = _report.get()
     if output is not None:
-        output.write(msgspec.json.encode(_to_plain(make())).decode() + "\n")
+        output.write(msgspec.json.encode(make_plain(make())).decode() + "\n")
 
 
-def _to_plain(value: Any) -> Any:
+def make_plain(value: Any) -> Any:
     """What JSON has a name for: records as objects, arrays as lists, paths as text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
@@ -67,9 +92,9 @@ def _to_plain(value: Any) -> Any:
     elif hasattr(value, "_asdict"):  # a NamedTuple
         value = value._asdict()
     if isinstance(value, Mapping):
-        return {str(key): _to_plain(item) for key, item in value.items()}
+        return {str(key): make_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_to_plain(item) for item in value]
+        return [make_plain(item) for item in value]
     return value
 
 

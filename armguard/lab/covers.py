@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
 from rich.table import Table
 
-from armguard.app.terminal import describe_column, make_console, print_json
+from armguard.app import cli
+from armguard.app.terminal import make_console, make_table, print_json
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.cover.inflation import Gap, inflate_spheres, measure_gaps
 from armguard.cover.interchange import (
@@ -26,6 +26,7 @@ from armguard.cover.interchange import (
 )
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
+from armguard.jit.progress import following
 from armguard.lab.lever_report import JointLevers, compare_levers
 from armguard.robot.description import (
     COVER,
@@ -95,48 +96,41 @@ class Target:
         self.robot = Robot(title, urdf, description, list(description.joints))
 
 
-def run(
-    name: str,
-    *,
-    limits: Path | None,
-    package_dirs: Sequence[Path],
-    spheres: int | None,
-    protrusion: float | None,
-    out: Path | None,
-    check: bool,
-    spheres_from: Path | None,
-    inflate: bool,
-    export: Path | None,
-) -> int:
+def run(wishes: cli.Cover) -> int:
     """Do what the options of `armguard cover` ask for; the exit code.
+
+    Args:
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: They contradict each other, or something that they name is unusable.
     """
-    wishes = {
-        "--check": check,
-        "--import": spheres_from is not None,
-        "--export": export is not None,
-    }
-    asked = [option for option, is_asked in wishes.items() if is_asked]
+    out, inflate, file = wishes.out, wishes.inflate, wishes.spheres_from
+    kinds = {"--check": wishes.check, "--import": file, "--export": wishes.export}
+    asked = [option for option, is_asked in kinds.items() if is_asked]
     if len(asked) > 1:
         raise CoverError(" and ".join(asked), "exclude each other")
-    if asked and (spheres is not None or protrusion is not None):
+    if asked and (wishes.spheres is not None or wishes.protrusion is not None):
         raise CoverError(asked[0], "fits nothing", remedy="leave out --spheres and --protrusion")
-    if inflate and spheres_from is None:
+    if inflate and file is None:
         raise CoverError("--inflate", "needs spheres", expected="--import FILE")
     if out is not None and not (inflate or not asked):
         raise CoverError("--out", "has nothing to be written", remedy="leave it out")
     if not asked and out is None:
         raise CoverError("--out", "is missing", expected="the folder to write cover.json into")
-    target = Target(name, limits, package_dirs)
-    if check:
+    target = Target(wishes.robot, wishes.limits, wishes.package_dirs)
+    if wishes.check:
         return prove(target)
-    if export is not None:
-        return write(target, export)
-    if spheres_from is not None:
-        return exchange(target, spheres_from, inflate, out)
-    return fit(target, spheres, protrusion, Path(out or "."))
+    if wishes.export is not None:
+        return write(target, wishes.export)
+    if file is not None:
+        return exchange(target, file, inflate, out)
+    return fit(target, wishes.spheres, read_protrusion(wishes.protrusion), Path(out or "."))
+
+
+def read_protrusion(millimetres: float | None) -> float | None:
+    """How far spheres may stick out, in [m], of what the command line says."""
+    return None if millimetres is None else 1e-3 * millimetres
 
 
 def fit(target: Target, spheres: int | None, protrusion: float | None, folder: Path) -> int:
@@ -155,21 +149,17 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
-    cover = fit_with_bar(robot, spheres, protrusion)
+    cover = fit_cover(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
     print_json(lambda: describe(report, None if code else folder / COVER))
-    limit = protrusion or DEFAULT_PROTRUSION
-    for link, entry in report.links.items():
-        if spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
-            _print(
-                f"{link}: sticks out by more than {1e3 * limit:g} mm; finer would need very many"
-            )
+    if spheres is None:
+        show_protruding(report, protrusion)
     return code
 
 
-def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
-    """Fit and prove a cover, with a bar that shows how far it is.
+def fit_cover(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float | None) -> Cover:
+    """Fit and prove a cover; a terminal is shown how far it is.
 
     Args:
         robot: Whose links to cover.
@@ -179,18 +169,8 @@ def fit_with_bar(robot: Robot | UrdfLinks, spheres: int | None, protrusion: floa
     Raises:
         CoverError: As `Cover.fit` does.
     """
-    columns = describe_column(), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeElapsedColumn(), console=make_console(stderr=True)) as progress:
-        bar = progress.add_task("reading", total=len(robot.links))
-        begun: list[str] = []
-
-        def show(link: str) -> None:
-            progress.update(bar, completed=len(begun), description=link)
-            begun.append(link)
-
-        cover = Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=show)
-        progress.update(bar, completed=len(begun), description="fitted and proved")
-    return cover
+    with following("fitting spheres to link", len(robot.links)) as begin:
+        return Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=begin)
 
 
 def prove(target: Target) -> int:
@@ -311,6 +291,16 @@ def show_report(report: CoverReport) -> int:
     return 0 if report.proved else UNPROVED
 
 
+def show_protruding(report: CoverReport, limit: float | None) -> None:
+    """Name the links whose spheres stick out farther than a limit in [m]; None: the usual one."""
+    limit = limit or DEFAULT_PROTRUSION
+    for link, entry in report.links.items():
+        if not entry.max_protrusion <= limit + TOLERANCE:
+            _print(
+                f"{link}: sticks out by more than {1e3 * limit:g} mm; finer would need very many"
+            )
+
+
 def describe(report: CoverReport, wrote: Path | None = None) -> dict[str, Any]:
     """What a cover is like, for programs; lengths in [m].
 
@@ -329,12 +319,8 @@ def describe(report: CoverReport, wrote: Path | None = None) -> dict[str, Any]:
 
 
 def _tabulate(report: CoverReport) -> Table:
-    table = _make_table("link", "spheres", "mean, mm", "max, mm", "volume ratio", "proved")
-    rows: list[tuple[str, LinkReport | CoverReport]] = [*report.links.items(), ("all", report)]
-    for name, link in rows:
-        if name == "all":
-            table.add_section()
-        table.add_row(
+    def show(name: str, link: LinkReport | CoverReport) -> tuple[str, ...]:
+        return (
             name,
             str(link.count),
             f"{1e3 * link.mean_protrusion:.1f}",
@@ -342,37 +328,39 @@ def _tabulate(report: CoverReport) -> Table:
             f"{link.volume_ratio:.2f}",
             "yes" if link.proved else "NO",
         )
-    table.caption = "mean, max: how far spheres stick out; volume ratio: spheres to link"
+
+    heads = ("link", "spheres", "mean, mm", "max, mm", "volume ratio", "proved")
+    caption = "mean, max: how far spheres stick out; volume ratio: spheres to link"
+    table = make_table(heads, (show(*link) for link in report.links.items()), caption=caption)
+    table.add_section()
+    table.add_row(*show("all", report))
     return table
 
 
 def _tabulate_gaps(gaps: dict[str, Gap]) -> Table:
-    table = _make_table("link", "spheres", "uncovered", "up to, mm", "covered")
-    for link, gap in gaps.items():
-        table.add_row(
+    rows = [
+        (
             link,
             str(gap.count),
             f"{100 * gap.share:.1f} %",
             f"{1e3 * gap.depth:.1f}" if gap.count else "no spheres",
             "proved" if gap.proved else "NO",
         )
-    table.caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
-    return table
+        for link, gap in gaps.items()
+    ]
+    caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
+    heads = ("link", "spheres", "uncovered", "up to, mm", "covered")
+    return make_table(heads, rows, caption=caption)
 
 
 def _tabulate_levers(levers: dict[str, JointLevers]) -> Table:
-    table = _make_table("joint", "lever, m", "sampled, m", "median ratio")
-    for name, joint in levers.items():
-        table.add_row(name, f"{joint.proved:.3f}", f"{joint.sampled:.3f}", f"{joint.ratio:.3f}")
-    table.caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
-    return table
-
-
-def _make_table(first: str, *others: str) -> Table:
-    table = Table(first)
-    for name in others:
-        table.add_column(name, justify="right")
-    return table
+    rows = [
+        (name, f"{one.proved:.3f}", f"{one.sampled:.3f}", f"{one.ratio:.3f}")
+        for name, one in levers.items()
+    ]
+    caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
+    heads = ("joint", "lever, m", "sampled, m", "median ratio")
+    return make_table(heads, rows, caption=caption)
 
 
 def _print(what: Any) -> None:

@@ -6,7 +6,9 @@ decided here, once for all studies.
 
 from __future__ import annotations
 
+import base64
 import csv
+import html
 import io
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -14,11 +16,31 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
 
+from armguard.app.terminal import make_plain
 from armguard.exceptions import ArmguardError
 
 JSON_FILE, PAGE = "report.json", "README.md"
 """What a report has for programs and for people, beside its table and its pictures."""
+
+HTML_HEAD = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width">
+<style>
+body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; font-size: 12px; display: block; overflow-x: auto; }}
+th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; }}
+th {{ text-align: left; }}
+td {{ white-space: nowrap; }}
+td:first-child {{ white-space: normal; min-width: 12em; }}
+img {{ max-width: 100%; display: block; }}
+code {{ overflow-wrap: anywhere; }}
+</style></head><body>
+"""
+"""Of a page in HTML."""
 
 UNKNOWN = "–"
 """What people are shown instead of what is no number."""
@@ -39,19 +61,27 @@ class Column(NamedTuple):
         return self.form.format(*values) if all(map(math.isfinite, values)) else UNKNOWN
 
 
-def round_off(value: float) -> float | None:
-    """Six digits of a number; None for what is no number."""
-    return float(f"{value:.6g}") if math.isfinite(value) else None
+def fit_exponent(sizes: Sequence[float], values: Sequence[float]) -> float:
+    """The exponent e of values ~ sizes^e, by least squares on log axes; NaN of fewer than two."""
+    if len(sizes) < 2:
+        return math.nan
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
 
 
-def make_plain(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """A record as plain data: its floats rounded off, null where they are no numbers."""
-    return {name: _make_plain(value) for name, value in fields.items()}
+def round_off(value: Any) -> Any:
+    """Plain data with six digits of each float; None for those that are no numbers."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: round_off(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [round_off(item) for item in value]
+    return value
 
 
 def write_json(data: Mapping[str, Any]) -> bytes:
-    """Plain data, a line each."""
-    return msgspec.json.format(msgspec.json.encode(data), indent=1)
+    """Records and plain data, a line each; floats are rounded off, null where they are none."""
+    return msgspec.json.format(msgspec.json.encode(round_off(make_plain(data))), indent=1)
 
 
 def write_csv(heads: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
@@ -60,7 +90,7 @@ def write_csv(heads: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
     for row in rows:
-        plain = map(_make_plain, row)
+        plain = map(round_off, row)
         writer.writerow(["" if cell is None else cell for cell in plain])
     return text.getvalue().encode()
 
@@ -119,8 +149,48 @@ def write_page(
     return ("\n".join(lines) + "\n").encode()
 
 
-def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files of a report.
+def write_html(title: str, page: bytes, folder: Mapping[str, bytes]) -> bytes:
+    """A page in HTML that needs no other file, and no network.
+
+    Args:
+        title: Of the page.
+        page: The same in Markdown.
+        folder: Contents of the pictures, by the names that the page gives them.
+    """
+    parser = MarkdownIt("js-default")
+    tokens = parser.parse(page.decode())
+    for paragraph in tokens:
+        for token in paragraph.children or ():
+            if token.type == "image":
+                image = base64.b64encode(folder[str(token.attrs["src"])]).decode()
+                token.attrs["src"] = f"data:image/png;base64,{image}"
+                # What it shows stands below it.
+                paragraph.children = [token, Token("text", "", 0, content=token.content)]
+    body = parser.renderer.render(tokens, parser.options, {})
+    return f"{HTML_HEAD.format(title=html.escape(title))}{body}</body></html>\n".encode()
+
+
+def check_page(out: Path) -> None:
+    """Refuse a page that cannot be written now, not after minutes; what stands in it stays.
+
+    Raises:
+        ArmguardError: It is a folder or in none, or may not be written.
+    """
+    try:
+        is_new = not out.exists()
+        out.open("a").close()
+        if is_new:
+            out.unlink()  # a study that comes to no end leaves no page
+    except OSError as error:
+        raise ArmguardError(
+            f"--out {out}",
+            f"cannot be written ({error.strerror})",
+            expected="a file in a folder that is, such as page.md",
+        ) from None
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Write the files of a report; their paths.
 
     Args:
         folder: Which is there.
@@ -136,10 +206,7 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
             raise ArmguardError(
                 str(folder / name), f"cannot be written: {error.strerror}"
             ) from None
-
-
-def _make_plain(value: Any) -> Any:
-    return round_off(value) if isinstance(value, float) else value
+    return [folder / name for name in files]
 
 
 def _list(lines: Iterable[str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Pictures of studies, drawn to PNG and SVG.
+"""Pictures of studies, drawn to PNG.
 
 They need matplotlib, which is in the extra `plot`.
 """
@@ -18,22 +18,25 @@ MARKS = "osD^vPXph<>"
 DPI = 90
 
 
-def check_plots() -> None:
+def check_plots(otherwise: str = ", or --no-plots") -> None:
     """Make sure that pictures can be drawn.
+
+    Args:
+        otherwise: What else can be done where they cannot.
 
     Raises:
         ArmguardError: They cannot.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise ArmguardError(
-            "pictures", "need matplotlib", remedy='pip install "armguard[plot]", or --no-plots'
+            "pictures", "need matplotlib", remedy=f'pip install "armguard[plot]"{otherwise}'
         )
 
 
 def draw_figures(
     drawn: Mapping[str, Callable[[Any], None]], size: tuple[float, float]
 ) -> dict[str, bytes]:
-    """PNG and SVG files by name; what is drawn alike gives equal files.
+    """PNG files by name.
 
     Args:
         drawn: Draws into a figure of matplotlib's, by name of the picture.
@@ -42,12 +45,10 @@ def draw_figures(
     import matplotlib.figure
 
     pictures: dict[str, bytes] = {}
-    with matplotlib.rc_context({"svg.hashsalt": "armguard", "svg.fonttype": "none"}):
-        for name, draw in drawn.items():
-            figure = matplotlib.figure.Figure(figsize=size, layout="constrained")
-            draw(figure)
-            for kind, options in (("png", {"dpi": DPI}), ("svg", {"metadata": {"Date": None}})):
-                file = io.BytesIO()
-                figure.savefig(file, format=kind, **options)
-                pictures[f"{name}.{kind}"] = file.getvalue()
+    for name, draw in drawn.items():
+        figure = matplotlib.figure.Figure(figsize=size, layout="constrained")
+        draw(figure)
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=DPI)
+        pictures[f"{name}.png"] = file.getvalue()
     return pictures

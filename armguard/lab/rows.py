@@ -64,15 +64,20 @@ class Place(Protocol):
 class Here:
     """This process, in which one row is measured after the other.
 
-    Rows name their machine, as a study may be gone on with on another one.
+    Args:
+        names_machine: Whether rows name their machine, as a study may be gone on with on another.
     """
+
+    def __init__(self, *, names_machine: bool = True) -> None:
+        self._names_machine = names_machine
 
     def run(
         self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
     ) -> Iterator[tuple[str, Row]]:
         """Measure all, in their order."""
+        machine = {MACHINE: name_machine()} if self._names_machine else {}
         for name, arguments in tasks.items():
-            yield name, {**measure(shared, *arguments), MACHINE: name_machine()}
+            yield name, measure(shared, *arguments) | machine
 
 
 class Rows:
@@ -109,6 +114,7 @@ class Rows:
         tasks: Mapping[str, tuple[Any, ...]],
         part: str,
         tell: Tell,
+        place: Place | None = None,
     ) -> tuple[dict[str, Row], bool]:
         """Measure what is not there yet; all rows in the order of their tasks, and whether all are.
 
@@ -120,7 +126,9 @@ class Rows:
             tasks: Arguments, by name of the row.
             part: Of the study, for the progress.
             tell: Is told how far it is.
+            place: Where these are measured; None: where all are.
         """
+        is_whole = True
         found: dict[str, Row] = {}
         for name in tasks:
             row = self._read(name)
@@ -131,12 +139,13 @@ class Rows:
         missing = {name: tasks[name] for name in tasks if name not in found}
         tell(part, len(found) / max(len(tasks), 1))
         try:
-            for name, row in self._place.run(measure, shared, missing):
+            for name, row in (place or self._place).run(measure, shared, missing):
                 found[name] = self._keep(name, row)
                 tell(f"{part}: {name}", len(found) / len(tasks))
         except KeyboardInterrupt:
-            pass
-        return {name: found[name] for name in tasks if name in found}, len(found) == len(tasks)
+            is_whole = False
+        is_whole = is_whole and len(found) == len(tasks)
+        return {name: found[name] for name in tasks if name in found}, is_whole
 
     def _open(self, folder: Path, study: dict[str, str], resume: bool) -> None:
         file = folder / STUDY_FILE

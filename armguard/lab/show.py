@@ -6,16 +6,15 @@ import contextlib
 import tempfile
 import time
 import webbrowser
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import make_console
 from armguard.cover.cover import Cover
-from armguard.lab.covers import Target, fit_with_bar
+from armguard.lab.covers import Target, fit_cover
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot
 from armguard.view.messages import FrameMessage, LinkCover, SceneMessage, VerdictSummary
@@ -26,25 +25,19 @@ INTERVAL = 0.5
 """Between two frames, in [s]: nothing moves, and pages that come late are told."""
 
 
-def show_arm(
-    name: str, *, package_dirs: Sequence[Path] = (), port: int = 0, open_browser: bool = False
-) -> int:
+def show_arm(wishes: cli.Show) -> int:
     """Serve a page that shows an arm until Ctrl-C; the exit code.
 
     Args:
-        name: A robot that armguard knows, the folder of one of your own, or the path of a URDF, to
-            which a cover is fitted first.
-        package_dirs: Folders in which the URDF's meshes are looked up, besides those around it.
-        port: TCP port of the page on 127.0.0.1; 0: any that is free.
-        open_browser: Open the page.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: There is no such robot, or it cannot be covered or shown.
     """
-    target = Target(name, None, package_dirs)
+    target = Target(wishes.robot, None, wishes.package_dirs)
     console = make_console()
     if isinstance(target.robot, UrdfLinks):
-        cover = fit_with_bar(target.robot, None, None)
+        cover = fit_cover(target.robot, None, None)
     else:
         cover = target.robot.cover if target.cover is None else Cover.load(target.cover)
     scene = make_scene(target, cover)
@@ -60,9 +53,9 @@ def show_arm(
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
         publisher = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
-        page = resources.enter_context(launch(publisher.address, port))
+        page = resources.enter_context(launch(publisher.address, wishes.port))
         console.print(f"see it in the browser: {page.url}", soft_wrap=True)
-        if open_browser:
+        if wishes.open:
             webbrowser.open(page.url)
         with contextlib.suppress(KeyboardInterrupt):
             while page.running:

@@ -13,10 +13,10 @@ import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn
 
+from armguard.app import cli
 from armguard.app.terminal import describe_column, make_console
 from armguard.exceptions import ArmguardError
 from armguard.lab.cluster import LOCAL, SOFTWARE, Cluster
@@ -81,49 +81,35 @@ def show_progress() -> Iterator[Tell]:
         yield tell
 
 
-class Workers(NamedTuple):
-    """Where the rows of a study are measured, as the command line has it."""
-
-    dask: str | None = None
-    """Address of Dask's scheduler, or `LOCAL`; None: this process."""
-    processes: int | None = None
-    """Processes of a cluster on this machine."""
-    resume: bool = False
-    """Whether rows of an earlier run are gone on with."""
-
-    @property
-    def is_by_rows(self) -> bool:
-        """Whether rows are measured one by one at all."""
-        return self.resume or self.dask is not None or self.processes is not None
+def is_by_rows(wishes: cli.Tradeoff | cli.Extremes) -> bool:
+    """Whether the command line asks for rows that are kept, or measured by other processes."""
+    return wishes.resume or wishes.dask is not None or wishes.workers is not None
 
 
 @contextlib.contextmanager
 def open_rows(
-    workers: Workers, folder: Path | None, study: Mapping[str, str]
-) -> Iterator[Rows | None]:
-    """Rows that are measured where they are to be; None where none of that was asked for.
+    wishes: cli.Tradeoff | cli.Extremes, folder: Path | None, study: Mapping[str, str]
+) -> Iterator[Rows]:
+    """Rows that are measured where they are to be; kept only where that was asked for.
 
     Args:
-        workers: Where.
+        wishes: What the command line says.
         folder: Of the report; rows are kept below it.
         study: What must be the same in a study that is gone on with, beside the software.
 
     Raises:
         ArmguardError: No worker can be had, or rows that are there are of another study.
     """
-    if not workers.is_by_rows:
-        yield None
+    if not is_by_rows(wishes):
+        yield Rows(Here(names_machine=False), None, {}, resume=False)
         return
     software = describe_software()
     about = {**study, **{name: software[name] for name in SOFTWARE}}
-    address = workers.dask
-    if address is None and workers.processes is not None:
-        address = LOCAL
-    if address is None:
-        yield Rows(Here(), folder, about, resume=workers.resume)
+    if wishes.dask is None and wishes.workers is None:
+        yield Rows(Here(), folder, about, resume=wishes.resume)
         return
-    with Cluster(address, workers.processes) as cluster:
-        yield Rows(cluster, folder, about, resume=workers.resume)
+    with Cluster(wishes.dask or LOCAL, wishes.workers) as cluster:
+        yield Rows(cluster, folder, about, resume=wishes.resume)
 
 
 def digest_file(path: Path | None) -> str:

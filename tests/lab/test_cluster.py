@@ -28,10 +28,10 @@ from support.slow_rows import (
     square,
     wait_then_measure,
     wait_then_square,
-    wait_until,
     within,
 )
 from support.tradeoff_cases import make_site, small_scene
+from support.waiting import wait_until
 
 pytest.importorskip("distributed", reason="Dask is not installed: the extra `cluster`")
 
@@ -99,7 +99,7 @@ class Watched:
 
 
 def test_a_killed_workers_rows_are_measured_by_another_and_are_the_same(workers, tmp_path):
-    extent, place = Extent(2, 0, True), Watched(workers, tmp_path)
+    extent, place = Extent(0, 2), Watched(workers, tmp_path)
     alone = [measure_line(extent, "evaluation", number)["line"] for number in range(4)]
     found, is_whole = measure(place, wait_then_measure, (str(tmp_path), extent), range(4))
     assert is_whole
@@ -148,8 +148,11 @@ def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_pa
 
     rows = rows_of(workers, tmp_path)
     given = site, scene, ("budget",), 0, Covers(site.robot), tell
-    spread = within(3.0 * DEADLINE, run_study, *given, rows=rows)
-    alone = run_study(site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None)
+    spread = within(3.0 * DEADLINE, run_study, *given, rows)
+    alone = run_study(
+        site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None, rows_of(Here()),
+        in_turns=True,
+    )  # fmt: skip
     assert killed
     assert killed[0] in before
     one, other = compare(spread.outcomes), compare(alone.outcomes)
@@ -176,9 +179,7 @@ def test_a_study_is_the_same_with_workers_of_which_one_is_killed(workers, tmp_pa
             return iter(())
 
     rows = rows_of(Nowhere(), tmp_path, resume=True)
-    again = run_study(
-        site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None, rows=rows
-    )
+    again = run_study(site, scene, ("budget",), 0, Covers(site.robot), lambda *told: None, rows)
     assert repr(again.outcomes) == repr(spread.outcomes)
     assert rows.resumed == len(spread.outcomes)
 
@@ -197,7 +198,7 @@ def wait_for_busy(workers):
 
 @at_length
 def test_lines_of_extremes_are_the_same(workers):
-    extent, tell = Extent(2, 0, True), lambda *told: None
+    extent, tell = Extent(0, 2), lambda *told: None
 
     def only_few(rows):
         """Of all, as ticks take most of the time."""

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from typing import NamedTuple
 
 import pytest
@@ -7,10 +8,11 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.lab.pages import (
     Column,
+    fit_exponent,
     list_pictures,
-    make_plain,
     write_csv,
     write_files,
+    write_html,
     write_json,
     write_page,
     write_table,
@@ -30,9 +32,16 @@ def test_a_column_shows_numbers_and_a_dash_where_one_is_none():
 
 
 def test_plain_data_is_rounded_off_and_null_where_it_is_no_number():
-    data = make_plain({**Record()._asdict(), "name": "x", "least": -math.inf})
-    assert data == {"count": 3, "share": 0.666667, "nothing": None, "name": "x", "least": None}
-    assert json.loads(write_json(data)) == data
+    data = {"rows": [Record()], "name": "x", "least": -math.inf}
+    assert json.loads(write_json(data)) == {
+        "rows": [{"count": 3, "share": 0.666667, "nothing": None}], "name": "x", "least": None
+    }  # fmt: skip
+
+
+def test_exponents_are_those_of_powers():
+    pairs = [10, 100, 1000]
+    assert fit_exponent(pairs, [3.0 * count**1.5 for count in pairs]) == pytest.approx(1.5)
+    assert math.isnan(fit_exponent([10], [1.0]))
 
 
 def test_a_table_for_programs_has_the_same_numbers():
@@ -46,7 +55,7 @@ def test_a_table_for_people_keeps_its_columns_whatever_cells_hold():
 
 
 def test_a_page_has_its_parts_in_order():
-    pictures = list_pictures({"p": "one", "q": "none"}, ["p.svg", "p.png"])
+    pictures = list_pictures({"p": "one", "q": "none"}, ["p.png"])
     assert pictures == {"p.png": "one"}
     page = write_page("Title", ["one", "two"], ["## Body"], pictures, ["Seed: 0"], "t.csv")
     text = page.decode()
@@ -59,7 +68,9 @@ def test_a_page_has_its_parts_in_order():
     ]
     places = [text.index(part) for part in parts]
     assert places == sorted(places)
-    assert "svg" not in text
+    html = write_html("A < B", page, {"p.png": b"\x89PNG"}).decode()
+    assert "<title>A &lt; B</title>" in html
+    assert re.search(r'<p><img src="data:image/png;base64,iVBORw=="[^>]*>one</p>', html)
 
 
 def test_files_are_written_or_named(tmp_path):

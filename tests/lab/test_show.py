@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from armguard.app.cli import Show
 from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.lab.covers import Target
@@ -53,4 +54,4 @@ def test_a_urdf_is_shown_as_it_is():
 
 def test_an_arm_that_is_none_is_refused():
     with pytest.raises(ArmguardError, match="neither a URDF"):
-        show_arm("no-such-arm")
+        show_arm(Show("no-such-arm"))

@@ -1,17 +1,21 @@
 import pytest
 
+from armguard.app.cli import Extremes
 from armguard.exceptions import ArmguardError
-from armguard.lab.study_facts import Workers, digest_file, list_facts, open_rows
+from armguard.lab.study_facts import digest_file, is_by_rows, list_facts, open_rows
+from support.slow_rows import square
 
 
 def test_rows_are_measured_one_by_one_only_where_that_is_asked_for(tmp_path):
-    assert not Workers().is_by_rows
-    with open_rows(Workers(), tmp_path, {}) as rows:
-        assert rows is None
+    assert not is_by_rows(Extremes())
+    with open_rows(Extremes(), tmp_path, {}) as rows:
+        assert rows.measure(square, 1, {"row": (2,)}, "", lambda *told: None)[0] == {
+            "row": {"square": 4}
+        }
     assert not list(tmp_path.iterdir())
-    for asked in (Workers(dask="local"), Workers(processes=2), Workers(resume=True)):
-        assert asked.is_by_rows
-    with open_rows(Workers(resume=True), tmp_path, {"seed": "0"}) as rows:
+    for asked in (Extremes(dask="local"), Extremes(workers=2), Extremes(resume=True)):
+        assert is_by_rows(asked)
+    with open_rows(Extremes(resume=True), tmp_path, {"seed": "0"}) as rows:
         assert rows.kept == 0
     assert (tmp_path / "rows" / "study.json").is_file()
 

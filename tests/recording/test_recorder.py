@@ -39,7 +39,8 @@ from armguard.verdict import ReasonKind
 from support import eventful_runs
 from support.eventful_runs import PERIOD, stand
 from support.panda_monitor import HOME, STILL, make_monitor
-from support.recordings_made import is_running, read_events, read_verdicts, record, wait_until
+from support.recordings_made import is_running, read_events, read_verdicts, record
+from support.waiting import wait_until
 
 
 def start(path, **options):

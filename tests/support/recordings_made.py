@@ -2,13 +2,10 @@
 
 import contextlib
 import os
-import time
 
 from armguard.recording import Recorder, Recording
 from armguard.recording.events import VerdictTold, read_verdict
 from support import eventful_runs
-
-PATIENCE = 60.0
 
 
 def record(path, motion="joint", *, robot=None, **options):
@@ -28,14 +25,6 @@ def read_events(path):
 def read_verdicts(path):
     """The verdicts of a recording."""
     return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictTold)]
-
-
-def wait_until(condition):
-    """Return when a condition holds."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to that in time"
-        time.sleep(0.02)
 
 
 def is_running(pid):

@@ -6,14 +6,11 @@ Each wait ends, so that a test whose workers do not do what they should fails, a
 import os
 import queue
 import threading
-import time
 from pathlib import Path
 
 from armguard.exceptions import ArmguardError
 from armguard.lab.extremes.rows import measure_line
-
-PATIENCE = 120.0
-"""For another process, in [s]: more than any machine needs."""
+from support.waiting import wait_until
 
 
 def square(shared, number):
@@ -44,13 +41,6 @@ def refuse(shared, number):
 
 def die(shared, number):
     os.kill(os.getpid(), 9)
-
-
-def wait_until(is_so):
-    end = time.monotonic() + PATIENCE
-    while not is_so():
-        assert time.monotonic() < end, "what was waited for did not come"
-        time.sleep(0.02)
 
 
 def within(seconds, function, *arguments, **options):

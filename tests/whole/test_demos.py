@@ -13,6 +13,7 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from support.bags_made import START, STORE, header, joint_state, pose_array, transforms
+from support.quartic import smallest_root
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
 
@@ -68,20 +69,6 @@ def test_two_supervised_arms_keep_apart_and_others_do_not():
 @pytest.fixture(scope="module")
 def paper():
     return load_demo(next(path for path in DEMOS if path.stem == "02_paper"))
-
-
-def smallest_root(x, v, contact_distance, accel):
-    """First time on the paper's quartic, by the eigenvalues of its companion matrix, in [s]."""
-    roots = np.roots(
-        [
-            -(accel**2) / 4,
-            0.0,
-            v @ v - contact_distance * accel,
-            2 * (v @ x),
-            x @ x - contact_distance**2,
-        ]
-    )
-    return min(root.real for root in roots if abs(root.imag) < 1e-9 and root.real > 0)
 
 
 def test_sample_two_gives_the_published_times_with_the_published_bounds(paper):

@@ -54,7 +54,6 @@ DOORS = {
         "lab.new_robot.command",
         "lab.paper.command",
         "lab.show",
-        "lab.study_facts",
         "lab.tradeoff.command",
     },
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from armguard.app.terminal import make_console, print_json
+from armguard.app.terminal import make_console, make_table, print_json
 from armguard.exceptions import ArmguardError
 from armguard.lab.commission import (
     Findings,
@@ -17,6 +17,7 @@ from armguard.lab.commission import (
     write_robot_lines,
 )
 from armguard.lab.commission.pictures import draw
+from armguard.lab.pages import write_files
 from armguard.recording.reading import Recording
 
 CELL_FILE = "cell-lines.toml"
@@ -42,12 +43,11 @@ def run_commission(file: Path, out: Path | None) -> int:
     if out is not None:
         try:
             out.mkdir(parents=True, exist_ok=True)
-            for name, text in ((CELL_FILE, cell_lines), (ROBOT_FILE, robot_lines)):
-                (out / name).write_text(text, encoding="utf-8")
-                written.append(out / name)
         except OSError as error:
             raise ArmguardError(str(out), f"cannot be written to ({error.strerror})") from None
-        written += draw(found, out)
+        lines = {CELL_FILE: cell_lines.encode(), ROBOT_FILE: robot_lines.encode()}
+        written = write_files(out, lines)
+        written += write_files(out, draw(found))
     console = make_console()
     for table in _draw_tables(found):
         console.print(table)
@@ -97,46 +97,50 @@ def describe(
 
 def _draw_tables(found: Findings) -> list[Table]:
     """Joints, and sources if there are any."""
-    title = f"{found.seen.robot.name}, {found.seen.payload:g} kg"
-    stops = _make_table(title, "joint", "stops", "speed", "time [ms]", "distance", "deceleration")
-    kept = _make_table("", "joint", "kept speed", "acceleration", "off position", "off velocity")
+    stops, kept = [], []
     for name in found.seen.robot.joints:
         entry = found.brakes[name][-1] if name in found.brakes else None
         limits, errors = found.limits.get(name), found.errors.get(name)
-        stops.add_row(
-            name,
-            str(sum(stop.joint == name for stop in found.stops)),
-            _show(entry and entry.speed),
-            _show(entry and 1e3 * entry.stopping_time),
-            _show(entry and entry.stopping_distance),
-            _show((entry and entry.deceleration) or None),
+        stops.append(
+            (
+                name,
+                str(sum(stop.joint == name for stop in found.stops)),
+                _show(entry and entry.speed),
+                _show(entry and 1e3 * entry.stopping_time),
+                _show(entry and entry.stopping_distance),
+                _show((entry and entry.deceleration) or None),
+            )
         )
-        kept.add_row(
-            name,
-            _show(limits and limits.velocity),
-            _show(limits and limits.acceleration),
-            _show(errors and errors.position),
-            _show(errors and errors.velocity),
+        kept.append(
+            (
+                name,
+                _show(limits and limits.velocity),
+                _show(limits and limits.acceleration),
+                _show(errors and errors.position),
+                _show(errors and errors.velocity),
+            )
         )
-    if not found.sources:
-        return [stops, kept]
-    sources = _make_table("", "source", "rate [Hz]", "silence [ms]", "age [ms]", "spread [mm]")
-    for name, source in found.sources.items():
-        sources.add_row(
+    sources = [
+        (
             name,
             _show(source.rate),
             f"{_show(1e3 * source.usual_silence)}, at most {_show(1e3 * source.longest_silence)}",
             f"{_show(1e3 * source.median_age)}, at most {_show(1e3 * source.oldest)}",
             _show(1e3 * source.spread),
         )
-    return [stops, kept, sources]
-
-
-def _make_table(title: str, first: str, *others: str) -> Table:
-    table = Table(first, title=title or None)
-    for other in others:
-        table.add_column(other, justify="right")
-    return table
+        for name, source in found.sources.items()
+    ]
+    title = f"{found.seen.robot.name}, {found.seen.payload:g} kg"
+    heads = ("joint", "stops", "speed", "time [ms]", "distance", "deceleration")
+    tables = [
+        make_table(heads, stops, title=title),
+        make_table(("joint", "kept speed", "acceleration", "off position", "off velocity"), kept),
+    ]
+    if sources:
+        tables.append(
+            make_table(("source", "rate [Hz]", "silence [ms]", "age [ms]", "spread [mm]"), sources)
+        )
+    return tables
 
 
 def _show(value: float | None) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from armguard.lab.commission.findings import Findings
 from armguard.robot.brakes import BrakeEntry
@@ -130,31 +131,22 @@ def _round_entry(entry: BrakeEntry, acceleration: float) -> BrakeEntry:
 
 
 def _write_entry(name: str, entry: BrakeEntry) -> list[str]:
-    key = quote_key(name)
-    figures: Mapping[str, float] = {
-        "speed": entry.speed,
-        "stopping_time": entry.stopping_time,
-        "stopping_distance": entry.stopping_distance,
-        "deceleration": entry.deceleration,
-    }
-    return [
-        "",
-        "[[brakes]]",
-        f"load = {entry.load:g}",
-        f'source = "{entry.source}"',
-        *(
-            f"{figure} = {{ {key} = {value} }}"
-            for figure, value in figures.items()
-            if 0.0 < value < math.inf
-        ),
-    ]
+    lines = ["", "[[brakes]]", f"load = {entry.load:g}", f"source = {quote(entry.source)}"]
+    for figure in ("speed", "stopping_time", "stopping_distance", "deceleration"):
+        value = getattr(entry, figure)
+        if 0.0 < value < math.inf:
+            lines.append(f"{figure} = {{ {quote_key(name)} = {value} }}")
+    return lines
+
+
+def quote(text: str) -> str:
+    """A basic string of TOML: JSON's escapes are among those that it knows."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def quote_key(name: str) -> str:
     """A name as a key of TOML."""
-    if re.fullmatch(r"[A-Za-z0-9_-]+", name):
-        return name
-    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quote(name)
 
 
 def round_up(value: float) -> float:

@@ -1,61 +1,55 @@
-"""Pictures of what commissioning found, as PNG files; Matplotlib is asked for here only."""
+"""Pictures of what commissioning found, as PNG files."""
 
 from __future__ import annotations
 
+import functools
 import math
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from armguard.exceptions import ArmguardError
 from armguard.lab.commission.findings import Findings
 from armguard.lab.commission.stops import LEAD_IN
+from armguard.lab.pictures import check_plots, draw_figures
 
 _COLUMNS = 2
 _SIZE = (5.0, 2.8)
 """Of one panel, in inches."""
 
 
-def draw(found: Findings, folder: Path) -> list[Path]:
-    """Write the pictures for which there is something to show; their paths.
+def draw(found: Findings) -> dict[str, bytes]:
+    """The pictures for which there is something to show, PNG files by name.
 
     Args:
         found: What was found.
-        folder: Where they go; it is there.
 
     Raises:
-        ArmguardError: Matplotlib is missing, or a file cannot be written.
+        ArmguardError: Matplotlib is missing.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise ArmguardError(
-            "pictures", "need Matplotlib", remedy="pip install 'armguard[plot]'"
-        ) from None
-    written = []
+    check_plots("")
+    pictures: dict[str, bytes] = {}
     for name, joints, draw_panel in (
-        ("stops.png", list(found.brakes), _draw_stops),
-        ("stopping.png", list(found.brakes), _draw_stopping),
-        ("velocities.png", list(found.limits), _draw_velocities),
+        ("stops", list(found.brakes), _draw_stops),
+        ("stopping", list(found.brakes), _draw_stopping),
+        ("velocities", list(found.limits), _draw_velocities),
     ):
-        if not joints:
-            continue
-        rows = math.ceil(len(joints) / _COLUMNS)
-        figure = Figure((_COLUMNS * _SIZE[0], rows * _SIZE[1]), layout="constrained")
-        panels = np.ravel(figure.subplots(rows, _COLUMNS, squeeze=False))
-        for panel, joint in zip(panels, joints, strict=False):
-            draw_panel(panel, found, joint)
-            panel.set_title(joint, fontsize=9)
-        for panel in panels[len(joints) :]:
-            panel.set_axis_off()
-        path = folder / name
-        try:
-            figure.savefig(path)
-        except OSError as error:
-            raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
-        written.append(path)
-    return written
+        if joints:
+            size = _COLUMNS * _SIZE[0], math.ceil(len(joints) / _COLUMNS) * _SIZE[1]
+            drawn = functools.partial(_draw_panels, found, joints, draw_panel)
+            pictures |= draw_figures({name: drawn}, size)
+    return pictures
+
+
+def _draw_panels(found: Findings, joints: Sequence[str], draw_panel: Any, figure: Any) -> None:
+    """A panel for each joint."""
+    rows = math.ceil(len(joints) / _COLUMNS)
+    panels = np.ravel(figure.subplots(rows, _COLUMNS, squeeze=False))
+    for panel, joint in zip(panels, joints, strict=False):
+        draw_panel(panel, found, joint)
+        panel.set_title(joint, fontsize=9)
+    for panel in panels[len(joints) :]:
+        panel.set_axis_off()
 
 
 def _draw_stops(panel: Any, found: Findings, name: str) -> None:
@@ -69,8 +63,7 @@ def _draw_stops(panel: Any, found: Findings, name: str) -> None:
         longest = max(longest, stop.response)
     panel.axvline(0.0, color="red", linewidth=0.8)
     panel.axvline(1e3 * longest, color="black", linestyle=":", linewidth=0.8)
-    panel.set_xlabel("since STOP [ms]; dotted: slows down at the latest")
-    panel.set_ylabel("speed")
+    panel.set(xlabel="since STOP [ms]; dotted: slows down at the latest", ylabel="speed")
 
 
 def _draw_stopping(panel: Any, found: Findings, name: str) -> None:
@@ -83,8 +76,7 @@ def _draw_stopping(panel: Any, found: Findings, name: str) -> None:
         before = entry.speed
     panel.set_xlim(left=0.0)
     panel.set_ylim(bottom=0.0)
-    panel.set_xlabel("speed; lines: what [[brakes]] states")
-    panel.set_ylabel("stopping time [ms]")
+    panel.set(xlabel="speed; lines: what [[brakes]] states", ylabel="stopping time [ms]")
 
 
 def _draw_velocities(panel: Any, found: Findings, name: str) -> None:
@@ -92,5 +84,4 @@ def _draw_velocities(panel: Any, found: Findings, name: str) -> None:
     seen, joint = found.seen, found.seen.robot.joints.index(name)
     panel.hist(np.abs(seen.v[:, joint]), bins=60, log=True)
     panel.axvline(found.limits[name].velocity, color="black", linestyle=":", linewidth=0.8)
-    panel.set_xlabel("speed; dotted: kept to")
-    panel.set_ylabel("joint states")
+    panel.set(xlabel="speed; dotted: kept to", ylabel="joint states")

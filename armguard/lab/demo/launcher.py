@@ -12,15 +12,14 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import secrets
 import subprocess
-import sys
 import tempfile
 import webbrowser
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from armguard.app import cli
 from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.summary import draw_summary
@@ -29,6 +28,7 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.demo import nodes
 from armguard.lab.demo.places import find_place
 from armguard.lab.demo.watcher import Watcher
+from armguard.lab.simulation.processes import start_monitor
 from armguard.lab.simulation.sources import ObstacleSource
 from armguard.recording.recorder import check_new
 from armguard.robot.description import (
@@ -83,38 +83,11 @@ source_timeout = 0.5
 """
 
 
-def run_demo(
-    *,
-    robot: str = "panda",
-    duration: float = 20.0,
-    person: Path | None = None,
-    obstacle_count: int = 0,
-    schedule: str = "deadline",
-    seed: int = 0,
-    view: bool = True,
-    port: int = 0,
-    open_browser: bool = False,
-    record: Path | None = None,
-    export: Path | None = None,
-    premises: bool = False,
-    as_json: bool = False,
-) -> int:
+def run_demo(wishes: cli.Demo) -> int:
     """Run the demo and print its summary.
 
     Args:
-        robot: Which arm: one that armguard knows, or the folder of one of your own.
-        duration: How long, in [s]; a recording may end it sooner.
-        person: Vicon CSV of a person; None: a simulated one.
-        obstacle_count: Wandering balls besides.
-        schedule: Name of the monitor's schedule.
-        seed: Of all motions.
-        view: Show the cell in a browser page.
-        port: TCP port of that page on 127.0.0.1; 0: any that is free.
-        open_browser: Open the page.
-        record: Where to write a recording; None: nowhere.
-        export: Where to write a file that plays offline what the page showed; None: nowhere.
-        premises: Print every premise, not only how many there are.
-        as_json: Print one JSON object instead of tables.
+        wishes: What the command line says.
 
     Returns:
         The process's exit code.
@@ -122,12 +95,13 @@ def run_demo(
     Raises:
         ArmguardError: An argument is out of range, or the recording cannot be read.
     """
+    robot, duration, seed = wishes.robot, wishes.duration, wishes.seed
+    record, export = wishes.record, wishes.export
     if not 0.0 < duration < float("inf"):
         raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
-    if not obstacle_count >= 0:
-        raise ArmguardError("--obstacles", f"is {obstacle_count}", expected="at least 0")
-    if not seed >= 0:
-        raise ArmguardError("--seed", f"is {seed}", expected="at least 0")
+    for option, count in (("--obstacles", wishes.obstacles), ("--seed", seed)):
+        if not count >= 0:
+            raise ArmguardError(option, f"is {count}", expected="at least 0")
     if not is_known(robot):
         robot = str(find_robot(robot).resolve())  # its processes may be in another folder
     check_robot(robot)
@@ -135,39 +109,29 @@ def run_demo(
         check_new(record)
     if export is not None:
         check_export(export)
-    wants_page = view or export is not None
+    wants_page = not wishes.no_view or export is not None
     if wants_page:
-        listen(port).close()  # a port in use is told before anything is started
-    recording = "" if person is None else str(person)
+        listen(wishes.port).close()  # a port in use is told before anything is started
+    recording = "" if wishes.person is None else str(wishes.person)
     # Made here as well, so that a mistake is one line now and not a process that dies later.
-    sources = nodes.make_sources(duration, recording, obstacle_count, seed)
+    sources = nodes.make_sources(duration, recording, wishes.obstacles, seed)
     duration = min(duration, *(source.duration for source in sources))
-    console = make_console(stderr=as_json)
-    told = list_premises() if premises else [summarise_premises()]
+    console = make_console(stderr=wishes.json)
+    told = list_premises() if wishes.premises else [summarise_premises()]
     with contextlib.ExitStack() as resources:
         folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
-        obstacles, joints, verdicts, frames = (
-            f"ipc://{folder}/{name}" for name in ("obstacles", "joints", "verdicts", "frames")
-        )
+        names = ("obstacles", "joints", "verdicts", "view")
+        addresses = {name: f"ipc://{folder}/{name}" for name in names}
+        obstacles, joints, verdicts, frames = addresses.values()
         cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
-        cell.write_text(write_cell(robot, sources, schedule), encoding="utf-8")
+        cell.write_text(write_cell(robot, sources, wishes.schedule), encoding="utf-8")
         errors = resources.enter_context(log.open("ab"))
-        command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--no-realtime"]
-        command += ["--quiet"]  # the table says what it would
-        command += ["--obstacles", obstacles, "--joints", joints, "--verdicts", verdicts]
-        command += ["--view", frames, "--duration", str(duration), "--parent", str(os.getpid())]
         token = secrets.token_hex(4)
-        command += ["--reset-token", token]
+        options = ["--duration", str(duration), "--reset-token", token]
         if record is not None:
-            command += ["--record", str(record)]
+            options += ["--record", str(record)]
         # The monitor first: it has the longest way to go.
-        monitor = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            start_new_session=True,  # Ctrl-C reaches it through us, so that it ends first
-        )
+        monitor = start_monitor(cell, addresses, *options, log=errors)
         resources.enter_context(_ending(monitor))
         perception = nodes.Perception(
             obstacles=obstacles,
@@ -175,7 +139,7 @@ def run_demo(
             duration=duration,
             seed=seed,
             person=recording,
-            balls=obstacle_count,
+            balls=wishes.obstacles,
         )
         arm = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed, robot=robot)
         parts = {
@@ -193,20 +157,20 @@ def run_demo(
             tell_premises()
 
         def open_page() -> ViewProcess:
-            page = launch(frames, port, floor=FLOOR, export=export)
+            page = launch(frames, wishes.port, floor=FLOOR, export=export)
             resources.callback(page.close, EXPORT_TIMEOUT if export is not None else END_TIMEOUT)
-            if view:
+            if not wishes.no_view:
                 console.print(f"see it in the browser: {page.url}", soft_wrap=True)
                 console.print(f"token to end a latched STOP with, there: {token}", soft_wrap=True)
-            if open_browser:
+            if wishes.open:
                 webbrowser.open(page.url)
             tell_premises()
             return page
 
-        watcher = Watcher(monitor, parts, log, console, live=not as_json)
+        watcher = Watcher(monitor, parts, log, console, live=not wishes.json)
         summary, problem = watcher.run(frames, open_page if wants_page else None)
     if summary is not None:
-        if as_json:
+        if wishes.json:
             print_json(lambda: summary)
         else:
             console.print(draw_summary(summary))

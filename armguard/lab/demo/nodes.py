@@ -9,23 +9,20 @@ from __future__ import annotations
 import math
 import subprocess
 import time
-from collections.abc import Callable, Sequence
-from typing import IO
+from collections.abc import Sequence
+from typing import IO, Any
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from armguard.app.processes import end_with
-from armguard.exceptions import ArmguardError
 from armguard.lab.demo.places import Place, find_place
 from armguard.lab.simulation.arm import SimulatedArm
 from armguard.lab.simulation.balls import WanderingBalls
 from armguard.lab.simulation.person import DURATIONS, ProceduralPerson
-from armguard.lab.simulation.processes import read_device, start_device
-from armguard.lab.simulation.recordings import Recording
+from armguard.lab.simulation.processes import run_device, start_device
+from armguard.lab.simulation.recordings import place_recording
 from armguard.lab.simulation.sources import ObstacleSource
-from armguard.lab.simulation.trajectory import JointTrajectory, keeps_within, random_trajectory
+from armguard.lab.simulation.trajectory import JointTrajectory, plan_work
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher, VerdictReader
@@ -41,10 +38,6 @@ SPEED_FRACTION = 0.2
 
 ACCELERATION_FRACTION = 0.5
 """Share of what joints and brakes can that the arm works at, at most."""
-
-SETBACK = 0.4
-"""People in recordings stood at a small table with the arm on it; here they stand this much farther
-away, along -y, in [m]: the arms differ, and so would the people's places."""
 
 WORK_CYCLE = 30.0
 """Until the arm's motion repeats, at least, in [s]."""
@@ -67,9 +60,7 @@ def make_sources(duration: float, person: str, ball_count: int, seed: int) -> li
         shortest, longest = DURATIONS
         sources.append(ProceduralPerson(seed, min(max(duration, shortest), longest)))
     else:
-        placement = np.eye(4)
-        placement[1, 3] = -SETBACK
-        sources.append(Recording(person, placement=placement))
+        sources.append(place_recording(person))
     if ball_count:
         sources.append(WanderingBalls(ball_count, seed, clearance=BALL_CLEARANCE))
     return sources
@@ -143,22 +134,15 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
 
 def make_trajectory(robot: Robot, place: Place, seed: int) -> JointTrajectory:
     """What the arm does: ways through random postures, all of it in its place if that can be."""
-
-    def make(accept: Callable[[NDArray[np.float64]], bool] | None) -> JointTrajectory:
-        return random_trajectory(
-            robot,
-            seed,
-            WORK_CYCLE,
-            speed_fraction=SPEED_FRACTION,
-            acceleration_fraction=choose_acceleration(robot),
-            accept=accept,
-        )
-
-    try:
-        return make(keeps_within(robot, place.lower, place.upper))
-    except ArmguardError:
-        # An arm of somebody's own may be larger than the place that is meant for those on a table.
-        return make(None)
+    # An arm of somebody's own may be larger than the place that is meant for those on a table.
+    return plan_work(
+        robot,
+        seed,
+        WORK_CYCLE,
+        [(place.lower, place.upper)],
+        speed_fraction=SPEED_FRACTION,
+        acceleration_fraction=choose_acceleration(robot),
+    )
 
 
 def choose_acceleration(robot: Robot) -> float:
@@ -180,34 +164,10 @@ class _Restamped:
         self._start = start
 
     def update(
-        self,
-        ids: Sequence[str],
-        stamp: float,
-        position: ArrayLike,
-        velocity: ArrayLike | None = None,
-        radius: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
-        source: str = "",
-        frame: str = "world",
-        snapshot: bool = False,
+        self, ids: Sequence[str], stamp: float, *states: Any, source: str = "", **bounds: Any
     ) -> None:
         """As `Publisher.update`; the source is the publisher's own."""
-        self._publisher.update(
-            ids,
-            self._start + stamp,
-            position,
-            velocity,
-            radius,
-            accel,
-            speed,
-            position_error,
-            velocity_error,
-            frame,
-            snapshot,
-        )
+        self._publisher.update(ids, self._start + stamp, *states, **bounds)
 
 
 def _wait_for_monitor(verdicts: str) -> None:
@@ -227,12 +187,5 @@ def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[byte
     return start_device("armguard.lab.demo.nodes", node, log)
 
 
-def main() -> None:
-    """Run the node that the command line describes until it is told to end."""
-    node, parent = read_device(Perception | RobotNode)
-    end_with(parent)
-    node.run()
-
-
 if __name__ == "__main__":
-    main()
+    run_device(Perception | RobotNode)

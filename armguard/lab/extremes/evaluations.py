@@ -28,24 +28,19 @@ class Case(NamedTuple):
     exact: FreePair | HeadOn
 
 
-def measure_evaluations(cases: int, seed: int) -> Iterator[Line]:
-    """All groups.
-
-    Args:
-        cases: Of each line.
-        seed: Of them.
-    """
-    for number in range(len(list(_list_groups()))):
-        yield measure_evaluation(number, cases, seed)
-
-
 def list_evaluations() -> list[str]:
     """Names of all lines."""
     return [f"{group}: {case}" for group, case, _ in _list_groups()]
 
 
 def measure_evaluation(number: int, cases: int, seed: int) -> Line:
-    """One line, by its place in `list_evaluations`; for the others see `measure_evaluations`."""
+    """One line.
+
+    Args:
+        number: Its place in `list_evaluations`.
+        cases: How many are evaluated.
+        seed: Of them.
+    """
     group, case, make = list(_list_groups())[number]
     random = np.random.default_rng(seed)
     return _measure(group, case, [make(random) for _ in range(cases)])

@@ -13,10 +13,14 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
+import numpy as np
+from numpy.polynomial.polynomial import polyadd, polyder, polydiv, polymul, polysub, polyval
+from numpy.typing import NDArray
+
 from armguard.jit.arrays import FloatArray
 
-Polynomial = list[Fraction]
-"""Coefficients, the constant first."""
+Polynomial = NDArray[np.object_]
+"""Coefficients, which are fractions, the constant first."""
 
 SHORTEST = Fraction(1, 2**30)
 """Where the search for a root begins, in [s]; each step goes twice as far."""
@@ -48,19 +52,19 @@ class FreePair:
     """
 
     def __init__(self, first: Course, second: Course, contact_distance: float) -> None:
-        apart: Polynomial = []
+        apart = make_polynomial()
         for axis in range(3):
-            along = _subtract(_move(second, axis), _move(first, axis))
-            apart = _add(apart, _multiply(along, along))
-        reach = _add([Fraction(contact_distance)], _add(_stray(first), _stray(second)))
+            along = polysub(_move(second, axis), _move(first, axis))
+            apart = polyadd(apart, polymul(along, along))
+        reach = polyadd(make_polynomial(contact_distance), polyadd(_stray(first), _stray(second)))
         # Above 0 while they are apart: both sides of distance > reach are positive.
-        self._gap = _trim(_subtract(apart, _multiply(reach, reach)))
+        self._gap = polysub(apart, polymul(reach, reach))
         self._chain = _make_chain(self._gap)
 
     def is_apart(self, until: float) -> bool:
         """Whether there is no contact at any time from now until then, in [s]."""
         end = Fraction(until)
-        return _evaluate(self._gap, Fraction(0)) > 0 and (end == 0 or not self._touches(end))
+        return bool(polyval(Fraction(0), self._gap) > 0) and (end == 0 or not self._touches(end))
 
     def find_contact(self, horizon: float) -> float | None:
         """The first contact in [s], from below and to 13 digits; None if it is beyond the horizon.
@@ -68,13 +72,13 @@ class FreePair:
         Args:
             horizon: [s].
         """
-        if not _evaluate(self._gap, Fraction(0)) > 0:
+        if not polyval(Fraction(0), self._gap) > 0:
             return 0.0
         return _bisect(self._touches, horizon)
 
     def _touches(self, end: Fraction) -> bool:
         """Whether there is a root after 0 and up to `end`."""
-        if _evaluate(self._gap, end) <= 0:
+        if polyval(end, self._gap) <= 0:
             return True
         return _count_changes(self._chain, Fraction(0)) > _count_changes(self._chain, end)
 
@@ -119,69 +123,32 @@ def _bisect(touches: Callable[[Fraction], bool], horizon: float) -> float | None
     return float(low)
 
 
+def make_polynomial(*coefficients: float | Fraction) -> Polynomial:
+    """A polynomial of exact coefficients, the constant first; of none, 0."""
+    exact: Polynomial = np.array([Fraction(value) for value in coefficients or (0,)], dtype=object)
+    return exact
+
+
 def _move(course: Course, axis: int) -> Polynomial:
     pace = Fraction(float(course.velocity[axis]))
-    return [Fraction(float(course.position[axis])) + pace * Fraction(course.age), pace]
+    place = Fraction(float(course.position[axis]))
+    return make_polynomial(place + pace * Fraction(course.age), pace)
 
 
 def _stray(course: Course) -> Polynomial:
     age, half = Fraction(course.age), Fraction(course.accel) / 2
-    return [half * age * age, 2 * half * age, half]
-
-
-def _add(first: Polynomial, second: Polynomial) -> Polynomial:
-    size = max(len(first), len(second))
-    both = ([*one, *[Fraction(0)] * (size - len(one))] for one in (first, second))
-    return [one + other for one, other in zip(*both, strict=True)]
-
-
-def _subtract(first: Polynomial, second: Polynomial) -> Polynomial:
-    return _add(first, [-one for one in second])
-
-
-def _multiply(first: Polynomial, second: Polynomial) -> Polynomial:
-    product = [Fraction(0)] * (len(first) + len(second) - 1)
-    for i, one in enumerate(first):
-        for j, other in enumerate(second):
-            product[i + j] += one * other
-    return product
-
-
-def _trim(polynomial: Polynomial) -> Polynomial:
-    while polynomial and polynomial[-1] == 0:
-        polynomial = polynomial[:-1]
-    return polynomial
-
-
-def _evaluate(polynomial: Polynomial, at: Fraction) -> Fraction:
-    value = Fraction(0)
-    for coefficient in reversed(polynomial):
-        value = value * at + coefficient
-    return value
+    return make_polynomial(half * age * age, 2 * half * age, half)
 
 
 def _make_chain(polynomial: Polynomial) -> list[Polynomial]:
     """Sturm's chain: a polynomial, its derivative, and remainders with their signs turned."""
-    chain = [polynomial]
-    derivative = _trim([k * value for k, value in enumerate(polynomial)][1:])
-    while derivative:
-        chain.append(derivative)
-        derivative = _trim([-value for value in _divide(chain[-2], chain[-1])])
-    return chain
-
-
-def _divide(numerator: Polynomial, divisor: Polynomial) -> Polynomial:
-    """The remainder."""
-    rest = list(numerator)
-    while len(rest) >= len(divisor):
-        factor, shift = rest[-1] / divisor[-1], len(rest) - len(divisor)
-        for k, value in enumerate(divisor):
-            rest[shift + k] -= factor * value
-        rest = rest[:-1]
-    return _trim(rest)
+    chain = [polynomial, polyder(polynomial)]
+    while any(chain[-1]):
+        chain.append(-polydiv(*chain[-2:])[1])
+    return chain[:-1]
 
 
 def _count_changes(chain: list[Polynomial], at: Fraction) -> int:
     """Changes of sign along the chain."""
-    signs = [value > 0 for one in chain if (value := _evaluate(one, at)) != 0]
+    signs = [value > 0 for one in chain if (value := polyval(at, one)) != 0]
     return sum(one != other for one, other in itertools.pairwise(signs))

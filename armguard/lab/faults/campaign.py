@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ from armguard.lab.faults.scene import (
 )
 from armguard.lab.faults.session import FaultyCell
 from armguard.lab.faults.truth import Closest, Witness
+from armguard.lab.rows import Tell
 from armguard.lab.simulation.trajectory import JointTrajectory
 from armguard.robot.robot import Robot
 from armguard.verdict import Effect, ReasonKind
@@ -122,33 +123,31 @@ class CampaignReport(NamedTuple):
         )
 
 
-def run_campaign(
-    faults: Sequence[Fault], tell: Callable[[str, int], None] = lambda text, done: None
-) -> CampaignReport:
+def run_campaign(faults: Sequence[Fault], tell: Tell = lambda text, share: None) -> CampaignReport:
     """Make faults in a running cell, and judge what came of them.
 
     Args:
         faults: In their order.
-        tell: Takes what is under way, and how many faults are done.
+        tell: Is told what is under way, and which share of the faults is done.
 
     Raises:
         ArmguardError: The cell does not start, or a process ends that no fault ended.
     """
     with tempfile.TemporaryDirectory(prefix="armguard-") as name:
-        tell("starting", 0)
+        tell("starting", 0.0)
         robot = Robot.load(ROBOT)
         trajectory = make_trajectory(robot)
         period = visit_period(trajectory)
         with FaultyCell(Path(name)) as cell:
             trials = []
             for done, fault in enumerate(faults):
-                tell(fault.name, done)
+                tell(f"{fault.name}, {done + 1} of {len(faults)}", done / len(faults))
                 trials.append(make_trial(cell, fault, period))
             over = time.monotonic() + period
             _sleep_until(over)
-        tell("judging", len(faults))
+        tell("judging", 1.0)
         outcomes, whole = judge(cell, trials, over, robot, trajectory)
-        tell("replaying", len(faults))
+        tell("replaying", 1.0)
         replayed = [replay(path) for path in sorted(cell.recordings.iterdir())]
         return CampaignReport(outcomes, replayed, whole, over - trials[0].begin)
 

@@ -29,7 +29,7 @@ from armguard.lab.faults.scene import (
     visit_period,
 )
 from armguard.lab.simulation.arm import SimulatedArm
-from armguard.lab.simulation.processes import read_device, start_device
+from armguard.lab.simulation.processes import run_device, start_device
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.inputs import LineInput
@@ -77,14 +77,14 @@ class Drives(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     truth: str
     """The file that it writes."""
 
-    def run(self, parent: int) -> None:
-        """Move while `parent` is the process that started this one."""
+    def run(self) -> None:
+        """Move until ended."""
         robot = Robot.load(ROBOT)
         arm = SimulatedArm(make_trajectory(robot), OperatingLimits.published(robot))
         file = os.open(self.truth, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with VerdictReader(self.verdicts) as reader:
             stamp = time.monotonic()
-            while os.getppid() == parent:
+            while True:
                 now = time.monotonic()
                 rows = []
                 # A hold-up of this process is none of the arm's: it goes by what it has heard, and
@@ -108,18 +108,16 @@ class Driver(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     truth: str
     """The file that the drives write."""
 
-    def run(self, parent: int) -> None:
-        """Publish while `parent` is the process that started this one."""
+    def run(self) -> None:
+        """Publish until ended."""
         names = Robot.load(ROBOT).joints
         width = row_width(len(names))
         orders = LineInput()
         while not Path(self.truth).exists():
-            if os.getppid() != parent:
-                return
             time.sleep(ARM_PERIOD)
         file = os.open(self.truth, os.O_RDONLY)
         with contextlib.closing(DisturbedPublisher(self.joints)) as publisher:
-            while os.getppid() == parent:
+            while True:
                 now = time.monotonic()
                 take_order(orders, publisher)
                 last = os.fstat(file).st_size // (8 * width) - 1
@@ -139,14 +137,14 @@ class Camera(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     start: float
     """Of the campaign, on the machine's monotonic clock, in [s]."""
 
-    def run(self, parent: int) -> None:
-        """Publish while `parent` is the process that started this one."""
+    def run(self) -> None:
+        """Publish until ended."""
         period = visit_period(make_trajectory(Robot.load(ROBOT)))
         orders = LineInput()
         due = time.monotonic()
         extra: list[str] = []
         with contextlib.closing(DisturbedPublisher(self.obstacles, "camera")) as publisher:
-            while os.getppid() == parent:
+            while True:
                 take_order(orders, publisher)
                 now = time.monotonic()
                 publisher.flush(now)
@@ -206,11 +204,5 @@ def start(node: Node, log: IO[bytes]) -> subprocess.Popen[bytes]:
     return start_device("armguard.lab.faults.nodes", node, log, takes_orders=True)
 
 
-def main() -> None:
-    """Run the node that the command line describes until it is told to end."""
-    node, parent = read_device(Node)
-    node.run(parent)
-
-
 if __name__ == "__main__":
-    main()
+    run_device(Node)

@@ -16,7 +16,6 @@ import resource
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +30,7 @@ from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.listening import LineLog, VerdictLog
 from armguard.lab.faults.scene import CELL, ROBOT
+from armguard.lab.simulation.processes import start_monitor
 from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher
 from armguard.view.process import ViewProcess, launch
@@ -176,17 +176,12 @@ class FaultyCell:
             time.sleep(0.02)
 
     def _start_monitor(self) -> None:
-        command = [sys.executable, "-m", "armguard", "run", str(self._cell), "--json", "--quiet"]
-        for name in ("obstacles", "joints", "verdicts", "view"):
-            command += [f"--{name}", self._address(name)]
-        command += ["--no-realtime", "--reset-token", TOKEN, "--record", str(self.recordings)]
-        command += ["--parent", str(os.getpid())]
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
+        names = ("obstacles", "joints", "verdicts", "view")
+        process = start_monitor(
+            self._cell,
+            {name: self._address(name) for name in names},
+            *("--reset-token", TOKEN, "--record", str(self.recordings)),
+            log=subprocess.PIPE,
         )
         assert process.stderr is not None
         self._logs.append(LineLog(process.stderr))

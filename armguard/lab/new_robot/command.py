@@ -7,21 +7,25 @@ import math
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rich.table import Table
-
+from armguard.app import cli
 from armguard.app.processes import complain
-from armguard.app.terminal import make_console, print_json
-from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
+from armguard.app.terminal import make_console, make_table, print_json
+from armguard.cover.cover import Cover
 from armguard.cover.report import CoverReport
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.progress import following
-from armguard.lab.covers import TOLERANCE, UNPROVED, fit_with_bar, show_report
+from armguard.lab.covers import (
+    UNPROVED,
+    fit_cover,
+    read_protrusion,
+    show_protruding,
+    show_report,
+)
 from armguard.lab.covers import describe as describe_cover
-from armguard.lab.new_robot import limits as usual
 from armguard.lab.new_robot.costs import (
     WALKING_SPEED,
     WORKING_SHARE,
@@ -29,7 +33,16 @@ from armguard.lab.new_robot.costs import (
     list_cases,
     measure,
 )
-from armguard.lab.new_robot.limits import JointFacts, find_bare, find_coupled, find_travel
+from armguard.lab.new_robot.limits import (
+    ERROR_CHOSEN,
+    LOAD,
+    LOAD_CHOSEN,
+    WORK_SPEED_CHOSEN,
+    JointFacts,
+    find_bare,
+    find_coupled,
+    find_travel,
+)
 from armguard.lab.new_robot.questions import (
     GIVEN,
     Asker,
@@ -40,6 +53,7 @@ from armguard.lab.new_robot.questions import (
     read_amount,
     read_number,
     read_range,
+    read_signed,
 )
 from armguard.lab.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.lab.new_robot.text import NewRobot, list_choices, write_text
@@ -59,54 +73,61 @@ from armguard.robot.urdf import UrdfModel
 DRAWN = "drawn"
 """Answer that takes what a link is drawn with for its collision geometry."""
 
+QUESTIONS: dict[str, tuple[str, str, Callable[[str, str], Any]]] = {
+    "position": ("position limits [rad or m]", "no joint ever leaves them", read_range),
+    "velocity": ("velocity limits [rad/s or m/s]", "no joint is ever faster", read_number),
+    "acceleration": (
+        "acceleration limits [rad/s² or m/s²]",
+        "no joint ever speeds up or slows down harder, emergency stops included",
+        read_number,
+    ),
+    "deceleration": (
+        "guaranteed decelerations [rad/s² or m/s²]",
+        "a stop with that load is never gentler, from whatever speed",
+        read_number,
+    ),
+    "operating_velocity": (
+        "operating velocities [rad/s or m/s]",
+        "the controller keeps to them at work",
+        read_number,
+    ),
+    "operating_acceleration": (
+        "operating accelerations [rad/s² or m/s²]",
+        "the controller speeds joints up no harder at work",
+        read_number,
+    ),
+    "position_error": (
+        "position errors [rad or m]",
+        "no measured state is off by more",
+        read_amount,
+    ),
+    "velocity_error": (
+        "velocity errors [rad/s or m/s]",
+        "no measured state is off by more",
+        read_amount,
+    ),
+}
+"""Of each joint, by field of the command: what is asked for, what the answer is relied on for, and
+how it is read."""
 
-class Wishes(NamedTuple):
-    """What the command line says; figures as `Asker.answer` takes them."""
 
-    urdf: Path
-    out: Path
-    package_dirs: Sequence[Path] = ()
-    joint_limits: Path | None = None
-    title: str | None = None
-    joints: Sequence[str] = ()
-    lock: Sequence[str] = ()
-    travel: Sequence[str] = ()
-    collision_from_visual: Sequence[str] = ()
-    bare_links: Sequence[str] = ()
-    position: Sequence[str] = ()
-    velocity: Sequence[str] = ()
-    acceleration: Sequence[str] = ()
-    load: str | None = None
-    deceleration: Sequence[str] = ()
-    operating_velocity: Sequence[str] = ()
-    operating_acceleration: Sequence[str] = ()
-    position_error: Sequence[str] = ()
-    velocity_error: Sequence[str] = ()
-    spheres: int | None = None
-    protrusion: float | None = None
-    """[m]."""
-    takes_usual: bool = False
-
-
-def run_new(wishes: Wishes) -> int:
+def run_new(wishes: cli.NewRobot) -> int:
     """Write the folder of a new robot, and print what its choices cost; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
     """
     is_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
-    asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.takes_usual)
+    asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.yes)
     planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
-    made = make_folder(wishes, planning, asker)
-    if show_report(made.report) != 0:
-        print_json(lambda: describe_cover(made.report))
+    new, report = make_folder(wishes, planning, asker)
+    if show_report(report) != 0:
+        print_json(lambda: describe_cover(report))
         return UNPROVED
-    limit = wishes.protrusion or DEFAULT_PROTRUSION
-    for link, entry in made.report.links.items():
-        if wishes.spheres is None and not entry.max_protrusion <= limit + TOLERANCE:
-            _print(f"{link}: sticks out by more than {1e3 * limit:g} mm")
+    if wishes.spheres is None:
+        show_protruding(report, read_protrusion(wishes.protrusion))
     _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
-    for line in list_choices(made.description):
+    for line in list_choices(new):
         _print(f"- {line}")
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
@@ -116,8 +137,8 @@ def run_new(wishes: Wishes) -> int:
     print_json(
         lambda: {
             "wrote": [wishes.out / DESCRIPTION, wishes.out / COVER],
-            "cover": describe_cover(made.report),
-            "choices": list_choices(made.description),
+            "cover": describe_cover(report),
+            "choices": list_choices(new),
             "unused": unused,
             "costs": costs,
         }
@@ -142,15 +163,7 @@ class Prepared(NamedTuple):
     """Text of a URDF that is to be written beside robot.toml."""
 
 
-class Made(NamedTuple):
-    """What was made of a URDF."""
-
-    description: NewRobot
-    report: CoverReport
-    """Nothing was written where it says that a link is not inside its spheres."""
-
-
-def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Prepared:
+def prepare(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker) -> Prepared:
     """Describe a robot, and read it by its description; nothing is written.
 
     Args:
@@ -174,7 +187,7 @@ def prepare(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Pr
     return Prepared(new, text, robot, source.text)
 
 
-def _check_title(wishes: Wishes) -> None:
+def _check_title(wishes: cli.NewRobot) -> None:
     """Refuse what would end the line of robot.toml that it stands in, or cannot be written."""
     option = "--title" if wishes.title else "--out"
     title = wishes.title or wishes.out.resolve().name
@@ -187,17 +200,21 @@ def _check_title(wishes: Wishes) -> None:
         )
 
 
-def make_folder(wishes: Wishes, planning: PlanningLimits | None, asker: Asker) -> Made:
-    """Describe a robot, fit and prove its cover, and write both.
+def make_folder(
+    wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker
+) -> tuple[NewRobot, CoverReport]:
+    """Describe a robot, fit and prove its cover, and write both; what it is like.
+
+    Nothing is written where a link is not inside its spheres.
 
     Arguments and errors are those of `prepare`, and a folder that cannot be written.
     """
     prepared = prepare(wishes, planning, asker)
-    cover = fit_with_bar(prepared.robot, wishes.spheres, wishes.protrusion)
+    cover = fit_cover(prepared.robot, wishes.spheres, read_protrusion(wishes.protrusion))
     report = cover.check(prepared.robot)
     if report.proved:
         write_folder(wishes.out, prepared.text, cover, prepared.urdf)
-    return Made(prepared.description, report)
+    return prepared.description, report
 
 
 def check_new_folder(folder: Path) -> None:
@@ -237,7 +254,7 @@ def ask_on_terminal(text: str) -> str:
 
 
 def describe(
-    wishes: Wishes, source: UrdfSource, planning: PlanningLimits | None, asker: Asker
+    wishes: cli.NewRobot, source: UrdfSource, planning: PlanningLimits | None, asker: Asker
 ) -> NewRobot:
     """All that robot.toml is to say, from options, the model file, MoveIt's limits and answers.
 
@@ -252,129 +269,56 @@ def describe(
     if planning is not None:
         _check_planning(wishes.joint_limits, planning, urdf)
     facts.refuse_ranges(wishes.position)
-    position = asker.answer(
-        Question(
-            "--position",
-            "position limits [rad or m]",
-            "no joint ever leaves them",
-            read_range,
-            facts.positions,
-            facts.usual_positions,
-        ),
-        [joint for joint in joints if joint not in facts.continuous],
-        wishes.position,
-    )
-    velocity = asker.answer(
-        Question(
-            "--velocity",
-            "velocity limits [rad/s or m/s]",
-            "no joint is ever faster",
-            read_number,
-            facts.velocities,
-            facts.usual_velocities,
-        ),
-        joints,
-        wishes.velocity,
-    )
-    facts.put(position, velocity)
-    is_said = not _lacks(joints, wishes.acceleration)
-    with following("deriving from efforts", 1) as begin:
-        begin("accelerations")
-        usual_acceleration = {} if is_said else facts.derive_accelerations()
-    acceleration = asker.answer(
-        Question(
-            "--acceleration",
-            "acceleration limits [rad/s² or m/s²]",
-            "no joint ever speeds up or slows down harder, emergency stops included",
-            read_number,
-            {},
-            usual_acceleration,
-        ),
-        joints,
-        wishes.acceleration,
-    )
+
+    def ask(
+        name: str,
+        known: Mapping[str, Figure[Any]],
+        usual: Mapping[str, Figure[Any]],
+        given: Sequence[str] | None = None,
+        of: Sequence[str] = joints,
+    ) -> dict[str, Figure[Any]]:
+        question = Question(f"--{name.replace('_', '-')}", *QUESTIONS[name], known, usual)
+        return asker.answer(question, of, getattr(wishes, name) if given is None else given)
+
+    figures: dict[str, dict[str, Figure[Any]]] = {}
+    ranged = [joint for joint in joints if joint not in facts.continuous]
+    figures["position"] = ask("position", facts.positions, facts.usual_positions, of=ranged)
+    velocity = figures["velocity"] = ask("velocity", facts.velocities, facts.usual_velocities)
+    facts.put(figures["position"], velocity)
+    usual = _derive("accelerations", joints, wishes.acceleration, facts.derive_accelerations)
+    acceleration = figures["acceleration"] = ask("acceleration", {}, usual)
+    for name in ("position_error", "velocity_error"):
+        known = dict.fromkeys(joints, Figure(getattr(_DEFAULTS, name), ERROR_CHOSEN))
+        # One number counts for all, though all are known.
+        given = put_general_first(getattr(wishes, name))
+        given = [item if "=" in item else f"*={item}" for item in given]
+        figures[name] = ask(name, known, {}, given)
     load = asker.choose(
         "--load",
         "load at the tool up to which the brakes hold what comes next, in kg",
-        f"{usual.LOAD:g}",
+        f"{LOAD:g}",
         wishes.load,
     )
-    is_usual = wishes.load is None and load == f"{usual.LOAD:g}"
-    load_figure = Figure(
-        read_amount(f"--load {load}", load), usual.LOAD_CHOSEN if is_usual else GIVEN
-    )
-    is_said = not _lacks(joints, wishes.deceleration)
-    with following("deriving from efforts", 1) as begin:
-        begin("decelerations")
-        usual_deceleration = (
-            {} if is_said else facts.derive_decelerations(load_figure.value, acceleration)
-        )
-    deceleration = asker.answer(
-        Question(
-            "--deceleration",
-            "guaranteed decelerations [rad/s² or m/s²]",
-            f"a stop with {load_figure.value:g} kg is never gentler, from whatever speed",
-            read_number,
-            {},
-            usual_deceleration,
-        ),
+    is_usual = wishes.load is None and load == f"{LOAD:g}"
+    held = read_amount(f"--load {load}", load)
+    figures["load"] = {"": Figure(held, LOAD_CHOSEN if is_usual else GIVEN)}
+    usual = _derive(
+        "decelerations",
         joints,
         wishes.deceleration,
+        lambda: facts.derive_decelerations(held, acceleration),
     )
-    file = "" if wishes.joint_limits is None else wishes.joint_limits.name
-    work_velocity = asker.answer(
-        Question(
-            "--operating-velocity",
-            "operating velocities [rad/s or m/s]",
-            "the controller keeps to them at work",
-            read_number,
-            {} if planning is None else _take(planning.velocity, joints, file, velocity),
-            {j: Figure(one.value, usual.WORK_SPEED_CHOSEN) for j, one in velocity.items()},
-        ),
-        joints,
-        wishes.operating_velocity,
-    )
-    work_acceleration = asker.answer(
-        Question(
-            "--operating-acceleration",
-            "operating accelerations [rad/s² or m/s²]",
-            "the controller speeds joints up no harder at work",
-            read_number,
-            {} if planning is None else _take(planning.acceleration, joints, file, acceleration),
-            facts.choose_work_accelerations(acceleration),
-        ),
-        joints,
-        wishes.operating_acceleration,
-    )
-    errors = [
-        asker.answer(
-            Question(
-                option,
-                what,
-                "no measured state is off by more",
-                read_amount,
-                dict.fromkeys(joints, Figure(default, usual.ERROR_CHOSEN)),
-                {},
-            ),
-            joints,
-            # One number counts for all, though all are known.
-            [item if "=" in item else f"*={item}" for item in put_general_first(given)],
-        )
-        for option, what, default, given in (
-            (
-                "--position-error",
-                "position errors [rad or m]",
-                _DEFAULTS.position_error,
-                wishes.position_error,
-            ),
-            (
-                "--velocity-error",
-                "velocity errors [rad/s or m/s]",
-                _DEFAULTS.velocity_error,
-                wishes.velocity_error,
-            ),
-        )
-    ]
+    figures["deceleration"] = ask("deceleration", {}, usual)
+    chosen = {
+        "velocity": {
+            joint: Figure(one.value, WORK_SPEED_CHOSEN) for joint, one in velocity.items()
+        },
+        "acceleration": facts.choose_work_accelerations(acceleration),
+    }
+    for kind, usual in chosen.items():
+        planned = {} if planning is None else getattr(planning, kind)
+        known = _take(planned, joints, wishes.joint_limits, figures[kind])
+        figures[f"operating_{kind}"] = ask(f"operating_{kind}", known, usual)
     return NewRobot(
         title=wishes.title or wishes.out.resolve().name,
         urdf=source.key,
@@ -382,26 +326,15 @@ def describe(
         bare_links=tuple(bare),
         collision_from_visual=tuple(drawn),
         locked=locked,
-        lock_source=LOCKED,
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        position_error=errors[0],
-        velocity_error=errors[1],
-        load=load_figure,
-        deceleration=deceleration,
-        work_velocity=work_velocity,
-        work_acceleration=work_acceleration,
+        figures=figures,
     )
 
-
-LOCKED = "`travel`: its links count as all that they reach; `position`: the joint must stand still."
 
 _DEFAULTS = JointDescription(velocity=1.0, acceleration=1.0)
 
 
 def settle_joints(
-    wishes: Wishes, urdf: UrdfModel, asker: Asker
+    wishes: cli.NewRobot, urdf: UrdfModel, asker: Asker
 ) -> tuple[list[str], dict[str, LockedJoint]]:
     """Which joints are watched, and where those rest or travel that have to do with them.
 
@@ -414,7 +347,7 @@ def settle_joints(
         pattern, has_joint, text = item.rpartition("=")
         if not has_joint:
             raise RobotError(f"--lock {item}", "names no position", expected="JOINT=POSITION")
-        (position,) = read_signed(f"--lock {item}", text)
+        position = read_signed(f"--lock {item}", text)
         for joint in match(f"--lock {item}", pattern, names):
             locked[joint] = LockedJoint(position=position)
     for pattern in wishes.travel:
@@ -452,19 +385,6 @@ def settle_joints(
     return watched, locked
 
 
-def read_signed(option: str, text: str) -> tuple[float]:
-    """One finite number of either sign.
-
-    Raises:
-        RobotError: It is none.
-    """
-    with contextlib.suppress(ValueError):
-        value = float(text)
-        if abs(value) < float("inf"):
-            return (value,)
-    raise RobotError(option, f"is {text!r}", expected="a finite number")
-
-
 def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker) -> LockedJoint:
     """Where a joint stands still that carries watched ones; nobody else can know it."""
     option = f"--lock {joint}=POSITION"
@@ -484,7 +404,7 @@ def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker
         None,
         is_guess=True,
     )
-    return LockedJoint(position=read_signed(option, answer)[0])
+    return LockedJoint(position=read_signed(option, answer))
 
 
 def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
@@ -500,7 +420,7 @@ def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
 
 
 def settle_bare_links(
-    wishes: Wishes, urdf: UrdfModel, watched: Sequence[str], asker: Asker
+    wishes: cli.NewRobot, urdf: UrdfModel, watched: Sequence[str], asker: Asker
 ) -> tuple[list[str], list[str]]:
     """Links that are collided with as they are drawn, and links that go uncovered.
 
@@ -540,13 +460,14 @@ def _check_planning(file: Path | None, planning: PlanningLimits, urdf: UrdfModel
 
 
 def _take(
-    limits: dict[str, float],
+    limits: Mapping[str, float],
     joints: Sequence[str],
-    file: str,
-    hardware: dict[str, Figure[float]],
+    path: Path | None,
+    hardware: Mapping[str, Figure[float]],
 ) -> dict[str, Figure[float]]:
     """MoveIt's limits of watched joints, refused where the hardware could not keep them."""
     taken = {}
+    file = "" if path is None else path.name
     for joint in joints:
         if joint not in limits:
             continue
@@ -564,11 +485,19 @@ def _take(
     return taken
 
 
-def _lacks(joints: Sequence[str], given: Sequence[str]) -> bool:
-    """Whether some joint is given no figure by the command line, so that what is usual matters."""
-    if any("=" not in item for item in given):
-        return False
-    return not {item.rpartition("=")[0] for item in given} >= set(joints)
+def _derive(
+    what: str,
+    joints: Sequence[str],
+    given: Sequence[str],
+    derive: Callable[[], dict[str, Figure[float]]],
+) -> dict[str, Figure[float]]:
+    """What is usual of joints; nothing where all is given, since it takes seconds to derive."""
+    names = {item.rpartition("=")[0] for item in given}
+    if "" in names or names >= set(joints):
+        return {}
+    with following("deriving from efforts", 1) as begin:
+        begin(what)
+        return derive()
 
 
 def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> None:
@@ -602,20 +531,15 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopF
     Returns:
         The same, by what was changed.
     """
-    table = Table(
-        "description", title="what each choice costs in STOP", title_justify="left",
-        caption_justify="left",
-    )  # fmt: skip
-    table.add_column("rests within, ms", justify="right")
-    table.add_column("STOP within, m", justify="right")
     most_accel, most_speed = Obstacles(sources=[]).bounds.others
-    table.caption = (
+    caption = (
         f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
         f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
         f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
         "a STOP."
     )
     costs: dict[str, StopFigures] = {}
+    rows: list[tuple[str, str, str]] = []
     cases = list(list_cases(robot, planning))
     with following("asking the monitor about case", len(cases)) as begin:
         for case in cases:
@@ -626,12 +550,16 @@ def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopF
                 complain(f"{case.name}: {error}")
                 continue
             stop_time, distance = costs[case.name] = figures
-            table.add_row(
-                case.name,
-                f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
-                f"{distance:.2f}" if distance < math.inf else "anywhere",
+            rows.append(
+                (
+                    case.name,
+                    f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
+                    f"{distance:.2f}" if distance < math.inf else "anywhere",
+                )
             )
-    make_console().print(table)
+    heads = ("description", "rests within, ms", "STOP within, m")
+    title = "what each choice costs in STOP"
+    make_console().print(make_table(heads, rows, title=title, caption=caption))
     return costs
 
 

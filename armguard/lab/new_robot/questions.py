@@ -8,6 +8,7 @@ the caller takes all that is usual.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Generic, NamedTuple, TypeVar
@@ -128,8 +129,7 @@ class Asker:
         assert self._ask is not None
         text = f"\n{question.what} of {', '.join(lacking)}: {question.meaning} ({question.option})"
         usual = {joint: question.usual[joint] for joint in lacking if joint in question.usual}
-        for source in dict.fromkeys(one.source for one in usual.values()):
-            members = [joint for joint, one in usual.items() if one.source == source]
+        for source, members in group_by_source(usual).items():
             text += f"\n  usual: {_list(usual, members)} ({source})"
         found: dict[str, Figure[Amount]] = {}
         while len(found) < len(lacking):
@@ -166,6 +166,14 @@ def read_answers(
     return found
 
 
+def group_by_source(figures: Mapping[str, Figure[Amount]]) -> dict[str, list[str]]:
+    """The joints whose figures have one source, by source."""
+    groups: dict[str, list[str]] = {}
+    for joint, one in figures.items():
+        groups.setdefault(one.source, []).append(joint)
+    return groups
+
+
 def put_general_first(given: Sequence[str]) -> list[str]:
     """Amounts for all joints before those of named ones, which they do not take away."""
     return sorted(given, key=lambda item: "=" in item)
@@ -191,10 +199,7 @@ def read_number(option: str, text: str) -> float:
     Raises:
         RobotError: It is none.
     """
-    value = _read(text)
-    if not 0.0 < value < math.inf:
-        raise RobotError(option, f"is {text!r}", expected="a finite number above 0")
-    return value
+    return _read_above(option, text, math.ulp(0.0), "a finite number above 0")
 
 
 def read_amount(option: str, text: str) -> float:
@@ -203,10 +208,16 @@ def read_amount(option: str, text: str) -> float:
     Raises:
         RobotError: It is none.
     """
-    value = _read(text)
-    if not 0.0 <= value < math.inf:
-        raise RobotError(option, f"is {text!r}", expected="a finite number, at least 0")
-    return value
+    return _read_above(option, text, 0.0, "a finite number, at least 0")
+
+
+def read_signed(option: str, text: str) -> float:
+    """A finite number of either sign.
+
+    Raises:
+        RobotError: It is none.
+    """
+    return _read_above(option, text, -sys.float_info.max, "a finite number")
 
 
 def read_range(option: str, text: str) -> Range:
@@ -219,6 +230,13 @@ def read_range(option: str, text: str) -> Range:
     value = _read(lower), _read(upper)
     if not -math.inf < value[0] < value[1] < math.inf:
         raise RobotError(option, f"is {text!r}", expected="LOWER:UPPER, finite, lower < upper")
+    return value
+
+
+def _read_above(option: str, text: str, least: float, expected: str) -> float:
+    value = _read(text)
+    if not least <= value < math.inf:
+        raise RobotError(option, f"is {text!r}", expected=expected)
     return value
 
 

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
-from armguard.lab.commission.lines import quote_key
-from armguard.lab.new_robot.questions import Figure, Range
+from armguard.lab.commission.lines import quote, quote_key
+from armguard.lab.new_robot.questions import Figure, Range, group_by_source
 from armguard.robot.description import LockedJoint
 
+LOCKED = (
+    "# Not watched. `travel`: its links count as all that they reach; `position`: the joint must "
+    "stand still."
+)
+
 KINDS = ("position", "velocity", "acceleration")
+"""Of figures that state the source of most of them at the top."""
+
+FIGURES = {
+    "position": "position limits",
+    "velocity": "velocity limits",
+    "acceleration": "acceleration limits",
+    "position_error": "position errors",
+    "velocity_error": "velocity errors",
+    "load": "load of the brakes",
+    "deceleration": "decelerations of the brakes",
+    "operating_velocity": "operating velocities",
+    "operating_acceleration": "operating accelerations",
+}
+"""All kinds of figures, and what people call them."""
 
 
 class NewRobot(NamedTuple):
@@ -23,18 +40,8 @@ class NewRobot(NamedTuple):
     bare_links: tuple[str, ...]
     collision_from_visual: tuple[str, ...]
     locked: Mapping[str, LockedJoint]
-    lock_source: str
-    """Where the places of locked joints come from."""
-    position: Mapping[str, Figure[Range]]
-    """Continuous joints are not in it."""
-    velocity: Mapping[str, Figure[float]]
-    acceleration: Mapping[str, Figure[float]]
-    position_error: Mapping[str, Figure[float]]
-    velocity_error: Mapping[str, Figure[float]]
-    load: Figure[float]
-    deceleration: Mapping[str, Figure[float]]
-    work_velocity: Mapping[str, Figure[float]]
-    work_acceleration: Mapping[str, Figure[float]]
+    figures: Mapping[str, Mapping[str, Figure[Any]]]
+    """By kind (`FIGURES`) and joint; continuous joints have no position, the load has no joint."""
 
 
 def write_text(new: NewRobot) -> str:
@@ -44,37 +51,32 @@ def write_text(new: NewRobot) -> str:
         "# Units: rad, rad/s, rad/s²; of joints that slide m, m/s, m/s². What is CHOSEN or",
         "# DERIVED is no data of this arm: put what its maker states in its place, and its source.",
         "",
-        f"title = {_quote(new.title)}",
-        f"urdf = {_quote(new.urdf)}",
+        f"title = {quote(new.title)}",
+        f"urdf = {quote(new.urdf)}",
     ]
     for key in ("package_dirs", "bare_links", "collision_from_visual"):
         if names := getattr(new, key):
-            lines.append(f"{key} = [{', '.join(map(_quote, names))}]")
-    general = {kind: _find_usual_source(getattr(new, kind)) for kind in KINDS}
+            lines.append(f"{key} = [{', '.join(map(quote, names))}]")
+    general = {kind: _find_usual_source(new.figures[kind]) for kind in KINDS}
     lines += ["", "[sources]"]
-    lines += [f"{kind} = {_quote(source)}" for kind, source in general.items() if source]
-    for joint in new.velocity:
+    lines += [f"{kind} = {quote(source)}" for kind, source in general.items() if source]
+    for joint in new.figures["velocity"]:
         lines += ["", *_write_joint(new, joint, general)]
-    lines += ["", *_write_brakes(new)]
+    lines += ["", *_write_brakes(new), ""]
     if new.locked:
-        lines += ["", f"# Not watched. {new.lock_source}"]
+        lines.append(LOCKED)
     for joint, entry in new.locked.items():
-        lines += [f"[locked.{quote_key(joint)}]"]
-        if entry.travel is not None:
-            lines.append(f"travel = [{entry.travel[0]!r}, {entry.travel[1]!r}]")
-        else:
-            lines.append(f"position = {entry.position!r}")
-        lines.append("")
-    if not new.locked:
-        lines.append("")
+        key = "position" if entry.travel is None else "travel"
+        place = f"{key} = {_write_value(getattr(entry, key))}"
+        lines += [f"[locked.{quote_key(joint)}]", place, ""]
     lines += [
         "# What its controller keeps to while it moves. It counts only for those who ask for it,",
         '# as by operating = "published" in a cell file, and see to it that it is kept.',
         "[operating.published.sources]",
-        f"velocity = {_quote(_join_sources(new.work_velocity))}",
-        f"acceleration = {_quote(_join_sources(new.work_acceleration))}",
     ]
-    for key, figures in (("velocity", new.work_velocity), ("acceleration", new.work_acceleration)):
+    working = {key: new.figures[f"operating_{key}"] for key in ("velocity", "acceleration")}
+    lines += [f"{key} = {quote(_join_sources(figures))}" for key, figures in working.items()]
+    for key, figures in working.items():
         lines += ["", f"[operating.published.{key}]"]
         lines += [f"{quote_key(joint)} = {one.value!r}" for joint, one in figures.items()]
     return "\n".join(lines) + "\n"
@@ -82,21 +84,18 @@ def write_text(new: NewRobot) -> str:
 
 def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[str]:
     lines = [f"[joints.{quote_key(joint)}]"]
-    if joint in new.position:
-        lower, upper = new.position[joint].value
-        lines.append(f"position = [{lower!r}, {upper!r}]")
-    lines.append(f"velocity = {new.velocity[joint].value!r}")
-    lines.append(f"acceleration = {new.acceleration[joint].value!r}")
-    for key in ("position_error", "velocity_error"):
-        figure = getattr(new, key)[joint]
-        lines.append(f"{key} = {figure.value!r} # {figure.source}")
-    own = {
-        kind: figures[joint].source
-        for kind in KINDS
-        if joint in (figures := getattr(new, kind)) and figures[joint].source != general[kind]
-    }
+    own = {}
+    for kind in KINDS:
+        figure = new.figures[kind].get(joint)
+        if figure is not None:
+            lines.append(f"{kind} = {_write_value(figure.value)}")
+            if figure.source != general[kind]:
+                own[kind] = figure.source
+    for kind in ("position_error", "velocity_error"):
+        figure = new.figures[kind][joint]
+        lines.append(f"{kind} = {figure.value!r} # {figure.source}")
     if own:
-        entries = ", ".join(f"{kind} = {_quote(source)}" for kind, source in own.items())
+        entries = ", ".join(f"{kind} = {quote(source)}" for kind, source in own.items())
         lines.append(f"sources = {{ {entries} }}")
     return lines
 
@@ -108,24 +107,27 @@ def _write_brakes(new: NewRobot) -> list[str]:
         "# joint, it decelerates by this at each instant. Makers publish stopping times and",
         "# distances instead: stopping_time and stopping_distance take them.",
     ]
-    by_source: dict[str, list[str]] = {}
-    for joint, one in new.deceleration.items():
-        by_source.setdefault(one.source, []).append(joint)
-    for source, joints in by_source.items():
+    figures, load = new.figures, new.figures["load"][""]
+    for source, joints in group_by_source(figures["deceleration"]).items():
         # A measured speed may exceed the limit by its error, and a stop from there is asked for.
         speeds = {
-            joint: new.velocity[joint].value + 2.0 * new.velocity_error[joint].value
+            joint: figures["velocity"][joint].value + 2.0 * figures["velocity_error"][joint].value
             for joint in joints
         }
+        held = {joint: figures["deceleration"][joint].value for joint in joints}
         lines += [
             "[[brakes]]",
-            f"load = {new.load.value!r} # {new.load.source}",
-            f"source = {_quote(source)}",
+            f"load = {load.value!r} # {load.source}",
+            f"source = {quote(source)}",
             f"speed = {_write_table(speeds)}",
-            f"deceleration = {_write_table({j: new.deceleration[j].value for j in joints})}",
+            f"deceleration = {_write_table(held)}",
             "",
         ]
     return lines[:-1]
+
+
+def _write_value(value: float | Range | None) -> str:
+    return repr(list(value) if isinstance(value, tuple) else value)
 
 
 def _write_table(values: Mapping[str, float]) -> str:
@@ -134,45 +136,26 @@ def _write_table(values: Mapping[str, float]) -> str:
 
 def _find_usual_source(figures: Mapping[str, Figure[float]]) -> str:
     """The source of most figures; empty where there are none."""
-    counted = Counter(one.source for one in figures.values())
-    return counted.most_common(1)[0][0] if counted else ""
+    groups = group_by_source(figures)
+    return max(groups, key=lambda source: len(groups[source]), default="")
 
 
 def _join_sources(figures: Mapping[str, Figure[float]]) -> str:
     """The sources of figures that have one between them, with the joints where they differ."""
-    by_source: dict[str, list[str]] = {}
-    for joint, one in figures.items():
-        by_source.setdefault(one.source, []).append(joint)
+    by_source = group_by_source(figures)
     if len(by_source) == 1:
         return next(iter(by_source))
     return "; ".join(f"{', '.join(joints)}: {source}" for source, joints in by_source.items())
 
 
-def _quote(text: str) -> str:
-    """A basic string of TOML: JSON's escapes are among those that it knows."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
 def list_choices(new: NewRobot) -> list[str]:
     """What is no data of this arm, one line each."""
     lines = []
-    named: Sequence[tuple[str, Mapping[str, Figure]]] = (  # type: ignore[type-arg]  # of any amount
-        ("position limits", new.position),
-        ("velocity limits", new.velocity),
-        ("acceleration limits", new.acceleration),
-        ("position errors", new.position_error),
-        ("velocity errors", new.velocity_error),
-        ("load of the brakes", {"": new.load}),
-        ("decelerations of the brakes", new.deceleration),
-        ("operating velocities", new.work_velocity),
-        ("operating accelerations", new.work_acceleration),
-    )
-    for what, figures in named:
-        by_source: dict[str, list[str]] = {}
-        for joint, one in figures.items():
-            if one.source.startswith(("CHOSEN", "DERIVED")):
-                by_source.setdefault(one.source, []).append(joint)
-        for source, joints in by_source.items():
+    for kind, what in FIGURES.items():
+        figures = new.figures[kind]
+        for source, joints in group_by_source(figures).items():
+            if not source.startswith(("CHOSEN", "DERIVED")):
+                continue
             of = "" if len(joints) == len(figures) else f" of {', '.join(joints)}"
             lines.append(f"{what}{of}: {source}")
     return lines

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 
+from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
@@ -16,47 +15,35 @@ from armguard.lab.paper.report import describe, summarise, write_report
 from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import list_facts, make_folder, show_progress, tell_command
 
-SMALL_BALLS, SMALL_EVALUATIONS = BALLS[:5], 30_000
-"""Of a run that takes no time."""
 
-
-def run(out: Path, *, periods: Sequence[float], seed: int, is_small: bool, plots: bool) -> int:
+def run(wishes: cli.Paper) -> int:
     """Measure, write the report and print its summary; the exit code, 1 for an unwatched pair.
 
     Args:
-        out: Folder of the report.
-        periods: Of ticks, in [s]; none: the paper's and the default's.
-        seed: Of all motions.
-        is_small: Whether to leave out what takes long.
-        plots: Whether to draw pictures.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: Something is unusable.
         KeyboardInterrupt: It came before there was anything to show.
     """
-    for period in periods:
-        if not 1e-4 <= period <= 1.0:
-            raise ArmguardError("--period", f"is {period:g} s", expected="0.0001 to 1")
-    if len(set(periods)) != len(periods):
-        raise ArmguardError("--period", "names one period twice", expected="each once")
+    out, seed = wishes.out, wishes.seed
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
-    if plots:
+    if not wishes.no_plots:
         check_plots()
     make_folder(out)
     rows: list[Row] = []
     interrupted = False
     with show_progress() as tell:
-        balls, most = (SMALL_BALLS, SMALL_EVALUATIONS) if is_small else (BALLS, MOST_EVALUATIONS)
         try:
-            for found in measure_claims(periods or PERIODS, balls, most, seed, tell):
+            for found in measure_claims(PERIODS, BALLS, MOST_EVALUATIONS, seed, tell):
                 rows += found
         except KeyboardInterrupt:
             if not rows:
                 raise
             interrupted = True
     facts = {"command": f"`{tell_command()}`", **list_facts(seed)}
-    write_report(out, rows, interrupted, facts, draw_pictures(rows) if plots else {})
+    write_report(out, rows, interrupted, facts, {} if wishes.no_plots else draw_pictures(rows))
     sys.stdout.write("".join(f"- {line}\n" for line in summarise(rows, interrupted)))
     sys.stdout.write(f"wrote {out / PAGE}\n")
     print_json(lambda: describe(rows, interrupted, facts) | {"wrote": out / PAGE})

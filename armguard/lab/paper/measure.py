@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.lab.paper.world import World
+from armguard.lab.rows import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 from armguard.scheduling.paper.partition import PartitionLaw
@@ -81,10 +82,6 @@ class Row(NamedTuple):
     """Of these, how many had gone before the pair's turn came."""
     unwatched: int
     """Ticks of pairs within the stop time that were neither in turn nor flagged: must be 0."""
-
-
-Tell = Callable[[str, float], None]
-"""Is told what is done, and which share of that is done."""
 
 
 def measure_claims(
@@ -259,13 +256,6 @@ def count_comparisons(values: NDArray[np.float64]) -> int:
     _Counting.comparisons = 0
     sorted(map(_Counting, values.tolist()))
     return _Counting.comparisons
-
-
-def fit_exponent(pairs: Sequence[float], values: Sequence[float]) -> float:
-    """The exponent e of values ~ pairs^e, by least squares on log axes; NaN of fewer than two."""
-    if len(pairs) < 2:
-        return math.nan
-    return float(np.polyfit(np.log(pairs), np.log(values), 1)[0])
 
 
 def compute_claim(pairs: int) -> float:

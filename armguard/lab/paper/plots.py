@@ -20,7 +20,7 @@ CAPTIONS = {
 
 
 def draw_pictures(rows: Sequence[Row]) -> dict[str, bytes]:
-    """PNG and SVG files by name."""
+    """PNG files by name."""
     drawn = {"cost": _draw_cost, "awareness": _draw_awareness}
     return draw_figures(
         {name: functools.partial(draw, rows=rows) for name, draw in drawn.items()}, SIZE
@@ -46,10 +46,7 @@ def _draw_cost(figure: Any, rows: Sequence[Row]) -> None:
             axes.plot(
                 pairs, [compute_claim(count) for count in pairs], "k:", label="L log L, L buckets"
             )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlabel("pairs")
-        axes.set_ylabel(label)
+        axes.set(xscale="log", yscale="log", xlabel="pairs", ylabel=label)
         axes.grid(alpha=0.3)
         if field == "comparisons":
             axes.legend(fontsize="x-small")
@@ -70,8 +67,7 @@ def _draw_awareness(figure: Any, rows: Sequence[Row]) -> None:
                     f"{MARKS[_place(rows, name)]}{style}", ms=4, color=f"C{_place(rows, name)}",
                     label=f"{name}, {1e3 * period:g} ms",
                 )  # fmt: skip
-        axes.set_xscale("log")
-        axes.set_xlabel("pairs")
+        axes.set(xscale="log", xlabel="pairs")
         axes.set_ylabel(
             "most imminent pair named, % of ticks" if field == "agreement" else "flagged, %"
         )

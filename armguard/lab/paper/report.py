@@ -14,8 +14,8 @@ from armguard.lab.pages import (
     JSON_FILE,
     PAGE,
     Column,
+    fit_exponent,
     list_pictures,
-    make_plain,
     write_csv,
     write_files,
     write_json,
@@ -29,7 +29,6 @@ from armguard.lab.paper.measure import (
     STOP_TIME,
     Row,
     compute_claim,
-    fit_exponent,
 )
 from armguard.lab.paper.plots import CAPTIONS
 
@@ -80,7 +79,7 @@ def describe(rows: Sequence[Row], interrupted: bool, facts: Mapping[str, str]) -
         **facts,
         "interrupted": interrupted,
         "summary": summarise(rows, interrupted),
-        "rows": [make_plain(row._asdict()) for row in rows],
+        "rows": rows,
         "exponents": fit_exponents(rows),
     }
 
@@ -173,7 +172,7 @@ def write_report(
     facts: Mapping[str, str],
     pictures: Mapping[str, bytes],
 ) -> None:
-    """Write all files; pictures are PNG and SVG by file name.
+    """Write all files; pictures are PNG files by name.
 
     Raises:
         ArmguardError: One of them cannot be written.

@@ -9,12 +9,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.lab.simulation.sources import ObstacleSink, SampledSource
 
 Array = NDArray[np.float64]
+
+RADIUS, ACCEL, SPEED = 0.1, 10.0, 2.0
+"""Of each ball, in [m], and bounds on how it moves, in [m]/[s²] and [m]/[s]."""
+
+BOX = ((-4.0, -4.0, 0.0), (4.0, 4.0, 2.0))
+"""Two corners, in the world, between which the centres stay, in [m]."""
+
+RATE = 50.0
+"""Samples a second, in [Hz]."""
 
 _WAVES = 3
 _FREQUENCIES = (0.3, 3.0)  # [rad/s]
@@ -27,52 +36,19 @@ class WanderingBalls(SampledSource):
     """Balls named "ball-0", "ball-1", …, each on a smooth closed-form motion of its own.
 
     Args:
-        count: How many.
+        count: How many, 1 or more.
         seed: The same seed gives the same motions.
-        radius: Of each ball, in [m].
-        accel: Bound on accelerations, in [m]/[s²]; published with the balls.
-        speed: Bound on speeds, in [m]/[s]; published with the balls.
-        lower: Corner of the box that the centres stay in, in the world, in [m]. Shape (3,).
-        upper: The opposite corner. Shape (3,).
         clearance: The centres stay this far from the z axis, where the arm stands, in [m].
-        rate: In [Hz].
-        duration: In [s].
-        name: Of the source.
 
     Raises:
-        ArmguardError: An argument is out of bounds, or the clearance leaves no room in the box.
+        ArmguardError: The clearance leaves no room in the box.
     """
 
-    def __init__(
-        self,
-        count: int,
-        seed: int,
-        *,
-        radius: float = 0.1,
-        accel: float = 10.0,
-        speed: float = 2.0,
-        lower: ArrayLike = (-4.0, -4.0, 0.0),
-        upper: ArrayLike = (4.0, 4.0, 2.0),
-        clearance: float = 0.0,
-        rate: float = 50.0,
-        duration: float = math.inf,
-        name: str = "balls",
-    ) -> None:
-        super().__init__(name, rate, duration)
-        if not (count >= 1):
-            raise ArmguardError(name, f"{count} balls were asked for", expected="at least one")
-        for what, value in (("radius", radius), ("accel", accel), ("speed", speed)):
-            if not (0.0 < value < math.inf):
-                raise ArmguardError(f"{name}: {what}", f"is {value}", expected="more than 0")
+    def __init__(self, count: int, seed: int, *, clearance: float = 0.0) -> None:
+        super().__init__("balls", RATE, math.inf)
         self.ids = [f"ball-{number}" for number in range(count)]
-        self.radius = radius
-        self.accel = accel
-        self.speed = speed
         random = np.random.default_rng(seed)
-        box = np.array([lower, upper], dtype=np.float64)
-        if not (box.shape == (2, 3) and (box[0] < box[1]).all() and np.isfinite(box).all()):
-            raise ArmguardError(name, f"cannot wander in the box {box.tolist()}")
-        self._home, reach = _draw_homes(random, count, box, clearance)
+        self._home, reach = _draw_homes(random, count, np.array(BOX), clearance)
         shape = (count, 3, _WAVES)
         self._frequency = random.uniform(*_FREQUENCIES, shape)
         self._phase = random.uniform(0.0, 2.0 * np.pi, shape)
@@ -81,8 +57,8 @@ class WanderingBalls(SampledSource):
         scale = np.minimum.reduce(
             [
                 reach / weight.sum(axis=2),
-                speed / math.sqrt(3.0) / (weight * self._frequency).sum(axis=2),
-                accel / math.sqrt(3.0) / (weight * self._frequency**2).sum(axis=2),
+                SPEED / math.sqrt(3.0) / (weight * self._frequency).sum(axis=2),
+                ACCEL / math.sqrt(3.0) / (weight * self._frequency**2).sum(axis=2),
             ]
         )
         self._amplitude = _ROUNDING * scale[:, :, None] * weight
@@ -101,9 +77,9 @@ class WanderingBalls(SampledSource):
             stamp,
             position,
             velocity,
-            radius=self.radius,
-            accel=self.accel,
-            speed=self.speed,
+            radius=RADIUS,
+            accel=ACCEL,
+            speed=SPEED,
             source=self.name,
         )
 
@@ -128,5 +104,5 @@ def _draw_homes(
     raise ArmguardError(
         "clearance",
         f"{clearance} m leaves no room in the box {box.tolist()}",
-        remedy="make the box wider or the clearance less",
+        remedy="make the clearance less",
     )

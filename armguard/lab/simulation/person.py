@@ -52,6 +52,15 @@ _TRUNK = {
     "right_shoulder": ((0.0, -0.19, 0.58), 1.0),
 }
 
+RATE = 100.0
+"""Samples a second, in [Hz]."""
+
+_OUTWARD = np.array([0.0, -1.0, 0.0])
+"""From the base of the arm to where he stands."""
+
+_AXES = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""His forward, left and up."""
+
 _TINY = 1e-30
 """The complex step: its square vanishes beside anything."""
 
@@ -70,18 +79,14 @@ class ProceduralPerson(SampledSource):
     Args:
         seed: Decides the gait's phase and how the hands move at work.
         duration: From the start to the end of the last wait, in [s]; 8 to 3600.
-        direction: Where he comes from and stands, seen from the base, about z from x, in [rad].
-        target: Where he reaches, in the world, in [m]; None: 0.4 m from the base, towards him, at
-            a height of 0.35 m. He reaches no further than his arms do, and not above his head.
-            Shape (3,).
-        rate: In [Hz].
-        name: Of the source.
+        target: Where he reaches, in the world, in [m]. He reaches no further than his arms do, and
+            not above his head. Shape (3,).
 
     Attributes:
         far: How far from the arm's base he comes from, in [m].
 
     Raises:
-        ArmguardError: An argument is out of bounds.
+        ArmguardError: The duration is out of bounds.
     """
 
     def __init__(
@@ -89,32 +94,21 @@ class ProceduralPerson(SampledSource):
         seed: int,
         duration: float = 20.0,
         *,
-        direction: float = -math.pi / 2.0,
-        target: ArrayLike | None = None,
-        rate: float = 100.0,
-        name: str = "person",
+        target: ArrayLike = (0.0, -0.4, 0.35),
     ) -> None:
         if not (DURATIONS[0] <= duration <= DURATIONS[1]):
             raise ArmguardError(
-                name,
+                "person",
                 f"cannot come and go in {duration} s",
                 expected=f"{DURATIONS[0]:g} to {DURATIONS[1]:g} s",
             )
-        super().__init__(name, rate, duration)
-        if not math.isfinite(direction):
-            raise ArmguardError(name, f"comes from the direction {direction}")
+        super().__init__("person", RATE, duration)
         self._plan_visit()
-        outward = np.array([math.cos(direction), math.sin(direction), 0.0])
-        up = np.array([0.0, 0.0, 1.0])
-        self._outward = outward
-        self._axes = np.stack([-outward, np.cross(up, -outward), up])  # forward, left, up
-        goal = 0.4 * outward + 0.35 * up if target is None else np.array(target, dtype=np.float64)
-        if goal.shape != (3,) or not np.isfinite(goal).all():
-            raise ArmguardError(name, f"cannot reach for {goal}", expected="x, y, z")
+        goal = np.array(target, dtype=np.float64)
         random = np.random.default_rng(seed)
         self._gait_phase = random.uniform(0.0, 2.0 * math.pi)
         self._arms = {
-            side: _plan_arm(random, self._axes @ (goal - NEAR * outward), sign)
+            side: _plan_arm(random, _AXES @ (goal - NEAR * _OUTWARD), sign)
             for side, sign in (("left", 1.0), ("right", -1.0))
         }
         self._reach_time = max(_plan_reach_time(arm["angles"]) for arm in self._arms.values())
@@ -159,16 +153,16 @@ class ProceduralPerson(SampledSource):
         stride = math.tau * 0.9 * t + self._gait_phase
         sway = 0.015 * walking * np.sin(stride)
         bob = 0.008 * walking * np.sin(2.0 * stride)
-        forward, left, up = self._axes
-        feet = (self.far - arrival + departure) * self._outward + sway * left + bob * up
+        forward, left, up = _AXES
+        feet = (self.far - arrival + departure) * _OUTWARD + sway * left + bob * up
 
         points = {}
         for point, (offset, share) in _TRUNK.items():
             lean = share * _LEAN * at_work
-            points[point] = feet + np.array(offset) @ self._axes + lean * forward
+            points[point] = feet + np.array(offset) @ _AXES + lean * forward
         for side, arm in self._arms.items():
             swing = 0.035 * arm["sign"] * walking * np.sin(stride)
-            out = arm["azimuth"] @ self._axes
+            out = arm["azimuth"] @ _AXES
             point = points[f"{side}_shoulder"]
             for part, length, low, high, wobble in (
                 ("elbow", _UPPER_ARM, _HANGING[0], arm["angles"][0], 0.05),

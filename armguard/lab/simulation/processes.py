@@ -1,4 +1,4 @@
-"""Simulated devices as processes of their own, each described by one object.
+"""The monitor and simulated devices as processes of their own, each device described by one object.
 
 A module that has such objects is run with `python -m`; the object crosses on its command line.
 """
@@ -11,9 +11,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 from typing import IO, Any
 
 import msgspec
+
+from armguard.app.processes import end_with
 
 
 def start_device(
@@ -22,7 +26,7 @@ def start_device(
     """Start a device as a process of its own, which is to end with this one.
 
     Args:
-        module: Is run, and finds the device by `read_device`.
+        module: Is run, and calls `run_device`.
         device: What the process is to do.
         log: Where it writes what goes wrong.
         takes_orders: Whether its standard input is a pipe from here; else it has none.
@@ -36,17 +40,41 @@ def start_device(
     )
 
 
-def read_device(kind: Any) -> tuple[Any, int]:
-    """What the command line of this process describes; SIGTERM ends the process from now on.
+def run_device(kind: Any) -> None:
+    """Run the device that the command line describes, until this process is told to end.
+
+    SIGTERM ends it, and so does the end of the process that started it.
 
     Args:
-        kind: A struct, or a union of several.
-
-    Returns:
-        The device, and the process that started it.
+        kind: A struct with a method `run`, or a union of several.
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     # What is left at the end goes with the process: to collect it would take up to 0.3 s.
     atexit.register(gc.freeze)
     described, parent = sys.argv[1:]
-    return msgspec.json.decode(described, type=kind), int(parent)
+    device = msgspec.json.decode(described, type=kind)
+    end_with(int(parent))
+    device.run()
+
+
+def start_monitor(
+    cell: Path, addresses: Mapping[str, str], *options: str, log: IO[bytes] | int
+) -> subprocess.Popen[bytes]:
+    """Start `armguard run --json` as a process of its own, which ends with this one.
+
+    Args:
+        cell: Its cell file.
+        addresses: By option: of obstacles, joints, verdicts and view.
+        options: Others.
+        log: Its standard error, as for `subprocess.Popen`.
+    """
+    command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet", *options]
+    command += ["--no-realtime", "--parent", str(os.getpid())]
+    command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=log,
+        start_new_session=True,  # Ctrl-C reaches it through us, so that it ends first
+    )

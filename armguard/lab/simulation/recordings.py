@@ -24,6 +24,13 @@ Flags = NDArray[np.bool_]
 MARKER_ERROR = 0.002
 """What a tracked point may be off by, in [m]: ten times Vicon's own figure, for loose cloth."""
 
+ACCEL, SPEED = 10.0, 2.0
+"""Bounds that are published with a recording, in [m]/[s²] and [m]/[s]: velocity errors rest on
+them."""
+
+SETBACK = 0.4
+"""[m]; see `place_recording`."""
+
 _AXES = ("RX", "RY", "RZ", "TX", "TY", "TZ")
 _UNITS = ("rad", "rad", "rad", "mm", "mm", "mm")
 _HEADER_LINES = 5
@@ -41,10 +48,6 @@ class Recording(SampledSource):
         path: A Vicon CSV file with the nine points of `bodies.POINTS`, in mm.
         placement: Of the recording's origin (z up) in the world, homogeneous. None: the identity.
             Shape (4, 4).
-        accel: Bound on accelerations, in [m]/[s²]; published, as the velocity errors rest on it.
-        speed: Bound on speeds, in [m]/[s]; published.
-        position_error: What a tracked point may be off by, in [m].
-        name: Of the source; None: the file's name without its ending.
 
     Attributes:
         position: Of the tracked points in the world, NaN where one was not seen, in [m], in the
@@ -53,37 +56,19 @@ class Recording(SampledSource):
         velocity_error: What each velocity may be off by, in [m]/[s]. Shape (frames, 9).
 
     Raises:
-        ArmguardError: The file cannot be read or is malformed (the message names file, line, column
-            and value), or an argument is out of bounds.
+        ArmguardError: The file cannot be read or is malformed; the message names file, line, column
+            and value.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        placement: ArrayLike | None = None,
-        accel: float = 10.0,
-        speed: float = 2.0,
-        position_error: float = MARKER_ERROR,
-        name: str | None = None,
-    ) -> None:
+    def __init__(self, path: str | Path, placement: ArrayLike | None = None) -> None:
         path = Path(path)
-        for what, value in (("accel", accel), ("speed", speed)):
-            if not (0.0 < value < math.inf):
-                raise ArmguardError(f"{path}: {what}", f"is {value}", expected="more than 0")
-        if not (0.0 <= position_error < math.inf):
-            raise ArmguardError(f"{path}: position_error", f"is {position_error}")
         rate, points = read_vicon_csv(path)
-        super().__init__(path.stem if name is None else name, rate, math.inf)
-        self.duration = (len(points) - 1) / rate
-        rotation, translation = _check_placement(placement)
-        self.position: Array = points @ rotation.T + translation
+        super().__init__(path.stem, rate, (len(points) - 1) / rate)
+        matrix = np.eye(4) if placement is None else np.asarray(placement)
+        self.position: Array = points @ matrix[:3, :3].T + matrix[:3, 3]
         self.velocity, self.velocity_error = estimate_velocities(
-            self.position, rate, accel, speed, position_error
+            self.position, rate, ACCEL, SPEED, MARKER_ERROR
         )
-        self.accel = accel
-        self.speed = speed
-        self.position_error = position_error
 
     def _publish_sample(self, sink: ObstacleSink, index: int, stamp: float) -> None:
         publish_person(
@@ -93,10 +78,21 @@ class Recording(SampledSource):
             self.position[index],
             self.velocity[index],
             self.velocity_error[index],
-            position_error=self.position_error,
-            accel=self.accel,
-            speed=self.speed,
+            position_error=MARKER_ERROR,
+            accel=ACCEL,
+            speed=SPEED,
         )
+
+
+def place_recording(path: str | Path) -> Recording:
+    """A recorded person beside an arm whose base is at the origin.
+
+    People in recordings stood at a small table with the arm on it. Arms differ, and so would the
+    people's places: here they stand `SETBACK` farther away, along -y.
+    """
+    placement = np.eye(4)
+    placement[1, 3] = -SETBACK
+    return Recording(path, placement=placement)
 
 
 def estimate_velocities(
@@ -160,13 +156,15 @@ def read_vicon_csv(path: Path) -> tuple[float, Array]:
         raise _bad(path, _HEADER_LINES, "is the last line", "a line for each frame after it")
     width = 2 + len(_AXES) * len(bodies)
     frames = np.empty((len(rows) - _HEADER_LINES, len(bodies), 3))
-    first = _read_frame_number(path, _HEADER_LINES + 1, rows[_HEADER_LINES][0])
+    first = rows[_HEADER_LINES][0]
+    if not first.isdecimal():
+        raise _bad(path, _HEADER_LINES + 1, f"has {first!r} for Frame", "a whole number")
     for index, row in enumerate(rows[_HEADER_LINES:]):
         line = _HEADER_LINES + 1 + index
         if len(row) != width:
             raise _bad(path, line, f"has {len(row)} cells", f"{width}")
-        if _read_frame_number(path, line, row[0]) != first + index:
-            raise _bad(path, line, f"is frame {row[0]}", f"frame {first + index}")
+        if row[0] != str(int(first) + index):
+            raise _bad(path, line, f"is frame {row[0]}", f"frame {int(first) + index}")
         for number, body in enumerate(bodies):
             start = 2 + number * len(_AXES)
             frames[index, number] = _read_point(path, line, body, row[start : start + len(_AXES)])
@@ -243,31 +241,5 @@ def _read_number(cell: str) -> float:
         return math.nan
 
 
-def _read_frame_number(path: Path, line: int, cell: str) -> int:
-    try:
-        return int(cell)
-    except ValueError:
-        raise _bad(path, line, f"has {cell!r} for Frame", "a whole number") from None
-
-
 def _bad(path: Path, line: int, problem: str, expected: str) -> ArmguardError:
     return ArmguardError(f"{path}: line {line}", problem, expected=expected)
-
-
-def _check_placement(placement: ArrayLike | None) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) of a homogeneous matrix."""
-    matrix = np.eye(4) if placement is None else np.array(placement, dtype=np.float64)
-    proper = (
-        matrix.shape == (4, 4)
-        and bool(np.isfinite(matrix).all())
-        and np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0])
-        and np.allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9)
-        and np.linalg.det(matrix[:3, :3]) > 0.0
-    )
-    if not proper:
-        raise ArmguardError(
-            "placement",
-            f"is {matrix.tolist()}",
-            expected="a homogeneous matrix, shape (4, 4), with a rotation",
-        )
-    return matrix[:3, :3], matrix[:3, 3]

@@ -6,32 +6,16 @@ obstacle table: the table itself, or a publisher that sends the same call over a
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Protocol
-
-from numpy.typing import ArrayLike
-
-from armguard.exceptions import ArmguardError
 
 
 class ObstacleSink(Protocol):
     """What takes obstacle states; `armguard.Obstacles` is one."""
 
-    def update(
-        self,
-        ids: Sequence[str],
-        stamp: float,
-        position: ArrayLike,
-        velocity: ArrayLike | None = None,
-        radius: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
-        source: str = "default",
-    ) -> None:
-        """Take the states of some obstacles; see `armguard.Obstacles.update`."""
+    @property
+    def update(self) -> Callable[..., object]:
+        """Takes the states of some obstacles; see `armguard.Obstacles.update`."""
         ...
 
 
@@ -68,10 +52,6 @@ class SampledSource:
     """
 
     def __init__(self, name: str, rate: float, duration: float) -> None:
-        if not (0.0 < rate < math.inf):
-            raise ArmguardError(name, f"has a rate of {rate} Hz", expected="a positive number")
-        if not (duration > 0.0):
-            raise ArmguardError(name, f"has a duration of {duration} s", expected="more than 0 s")
         self.name = name
         self.rate = rate
         self.duration = duration
@@ -79,8 +59,6 @@ class SampledSource:
 
     def publish(self, sink: ObstacleSink, now: float) -> None:
         """Hand over every sample due up to `now` that was not published yet, oldest first."""
-        if not math.isfinite(now):
-            raise ArmguardError(self.name, f"was asked for samples up to {now} s")
         while (stamp := self._next / self.rate) <= min(now, self.duration):
             self._next += 1
             self._publish_sample(sink, self._next - 1, stamp)

@@ -8,8 +8,10 @@ the box that they span.
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import pinocchio
@@ -209,6 +211,39 @@ def keeps_within(robot: Robot, lower: ArrayLike, upper: ArrayLike) -> Callable[[
         return True
 
     return accept
+
+
+def plan_work(
+    robot: Robot,
+    seed: int,
+    duration: float,
+    boxes: Iterable[tuple[ArrayLike, ArrayLike]],
+    *,
+    speed_fraction: float,
+    acceleration_fraction: float,
+) -> JointTrajectory:
+    """A random trajectory within the first box that the arm can work in; anywhere if in none.
+
+    Args:
+        robot: The arm.
+        seed: The same seed gives the same trajectory.
+        duration: The loop lasts at least this long, in [s].
+        boxes: Two corners each, as for `keeps_within`.
+        speed_fraction: As for `JointTrajectory`.
+        acceleration_fraction: As for `JointTrajectory`.
+    """
+    plan = functools.partial(
+        random_trajectory,
+        robot,
+        seed,
+        duration,
+        speed_fraction=speed_fraction,
+        acceleration_fraction=acceleration_fraction,
+    )
+    for box in boxes:
+        with contextlib.suppress(ArmguardError):
+            return plan(accept=keeps_within(robot, *box))
+    return plan()
 
 
 def _accepts_way(accept: Callable[[Array], bool], ends: list[Array]) -> bool:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
+from armguard.app import cli
 from armguard.app.cell.cell import Cell
 from armguard.app.processes import complain
 from armguard.app.terminal import make_console, print_json
@@ -13,9 +13,9 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import (
     VERSIONS,
-    Workers,
     describe_machine,
     digest_file,
+    is_by_rows,
     make_folder,
     open_rows,
     show_progress,
@@ -39,52 +39,28 @@ LONGEST = 3600.0
 """Of a scene, in [s]."""
 
 
-def run(
-    cell: Path | None,
-    *,
-    person: Path | None,
-    robot: str | None,
-    balls: int,
-    touching: int,
-    out: Path,
-    axes: Sequence[str],
-    seconds: float,
-    seed: int,
-    plots: bool,
-    workers: Workers,
-) -> int:
+def run(wishes: cli.Tradeoff) -> int:
     """Measure, write the report and print what can be chosen by; the exit code.
 
     Args:
-        cell: A cell file; None: a robot by itself.
-        person: A recording.
-        robot: Name of a known robot.
-        balls: How many wander about the arm.
-        touching: How many come and touch it.
-        out: Folder of the report.
-        axes: Of the ladder; none: all.
-        seconds: Of the scene.
-        seed: Of all motions.
-        plots: Whether to draw pictures.
-        workers: Where settings are measured.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: Something is unusable.
         KeyboardInterrupt: It came before there was anything to show.
     """
-    chosen = check_axes(axes)
-    if not seed >= 0:
-        raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
+    cell, seed, seconds, out = wishes.cell, wishes.seed, wishes.seconds, wishes.out
+    balls, touching = wishes.obstacles, wishes.touching
+    chosen = check_axes(wishes.axis)
+    for option, count in (("--seed", seed), ("--obstacles", balls), ("--touching", touching)):
+        if not count >= 0:
+            raise ArmguardError(option, f"is {count}", expected="0 or more")
     if not 1.0 <= seconds <= LONGEST:
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
-    if not balls >= 0:
-        raise ArmguardError("--obstacles", f"is {balls}", expected="0 or more")
-    if not touching >= 0:
-        raise ArmguardError("--touching", f"is {touching}", expected="0 or more")
-    if plots:
+    if not wishes.no_plots:
         check_plots()
-    site = _make_site(cell, robot)
-    recording = None if person is None else str(person)
+    site = _make_site(cell, wishes.robot)
+    recording = None if wishes.person is None else str(wishes.person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
     if touching:
         what += f" and {add_touching(scene, site, touching, seed)}"
@@ -98,15 +74,18 @@ def run(
     provenance = describe_provenance(site.robot)
     study_of = {
         "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
-        "cover": provenance["cover"], "person": digest_file(person), "obstacles": str(balls),
+        "cover": provenance["cover"], "person": digest_file(wishes.person), "obstacles": str(balls),
         "touching": str(touching),
         "seconds": f"{seconds!r}", "seed": str(seed),
     }  # fmt: skip
-    with open_rows(workers, out, study_of) as rows, show_progress() as tell:
+    with open_rows(wishes, out, study_of) as rows, show_progress() as tell:
         try:
-            study = run_study(site, scene, chosen, seed, Covers(site.robot), tell, trial, rows)
+            study = run_study(
+                site, scene, chosen, seed, Covers(site.robot), tell, rows, trial,
+                in_turns=not is_by_rows(wishes),
+            )  # fmt: skip
         except KeyboardInterrupt:
-            if rows is not None and rows.kept:
+            if is_by_rows(wishes) and rows.kept:
                 complain(f"{rows.kept} settings are kept: --resume goes on with them")
             raise
     about = About(
@@ -118,9 +97,9 @@ def run(
         seconds,
         _tell_operating(cell, site),
     )
-    write_report(out, study, about, draw_pictures(study) if plots else {})
+    write_report(out, study, about, {} if wishes.no_plots else draw_pictures(study))
     console = make_console()
-    if rows is not None and rows.resumed:
+    if rows.resumed:
         console.print(f"- {rows.resumed} rows were taken from an earlier run.")
     for line in summarise(study):
         console.print(f"- {line.replace('**', '')}", soft_wrap=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.pages import fit_exponent
 from armguard.lab.tradeoff.contestant import Contestant
 from armguard.lab.tradeoff.ladder import AXES, Rung, Setting
 from armguard.lab.tradeoff.scene import Site, make_scene
@@ -37,19 +37,6 @@ class Grown(NamedTuple):
     """Share of pairs that `daa` watches out of turn."""
     machine: str = ""
     """Where it was measured; empty where all is of this process."""
-
-
-def measure_growth(site: Site, seed: int) -> Iterator[Grown]:
-    """Ticks among more and more balls that mill about, for each schedule.
-
-    Args:
-        site: Where, and by what arm.
-        seed: Of all motions.
-    """
-    for count, setting in list_sizes():
-        grown = measure_size(site, seed, count, setting)
-        if grown is not None:
-            yield grown
 
 
 def list_sizes() -> list[tuple[int, Setting]]:
@@ -88,10 +75,10 @@ def fit_exponents(grown: list[Grown]) -> dict[str, float]:
     exponents = {}
     for name in dict.fromkeys(one.schedule for one in grown):
         points = [one for one in grown if one.schedule == name and one.pairs >= FROM]
-        if len(points) >= 2:
-            x, y = (np.log([getattr(one, field) for one in points]) for field in ("pairs", "tick"))
-            exponents[name] = float(np.polyfit(x, y, 1)[0])
-    return {name: value for name, value in exponents.items() if math.isfinite(value)}
+        fitted = fit_exponent([one.pairs for one in points], [one.tick for one in points])
+        if math.isfinite(fitted):
+            exponents[name] = fitted
+    return exponents
 
 
 def _settings() -> list[Setting]:

@@ -27,7 +27,7 @@ POINTS = 600
 
 
 def draw_pictures(study: Study) -> dict[str, bytes]:
-    """PNG and SVG files by name."""
+    """PNG files by name."""
     drawn: dict[str, Callable[[Any], None]] = {
         "price": lambda axes: _draw_price(axes, study),
         "time": lambda axes: _draw_time(axes, study),
@@ -57,9 +57,11 @@ def _draw_price(figure: Any, study: Study) -> None:
     line = sorted((100.0 * one.core, 100.0 * one.stop) for one in front if one is not None)
     if line:
         axes.step(*zip(*line, strict=True), "k:", where="post", lw=1, label="front")
-    axes.set_xscale("log")
-    axes.set_xlabel("price: steps and messages, % of a core")
-    axes.set_ylabel("caution: share of STOP, %")
+    axes.set(
+        xscale="log",
+        xlabel="price: steps and messages, % of a core",
+        ylabel="caution: share of STOP, %",
+    )
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
 
@@ -75,10 +77,9 @@ def _draw_growth(figure: Any, study: Study) -> None:
         if name in exponents:
             label += f": pairs^{exponents[name]:.2f}"
         axes.plot(*zip(*points, strict=True), f"{mark}-", label=label)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("pairs of link and obstacle")
-    axes.set_ylabel("tick, median, µs")
+    axes.set(
+        xscale="log", yscale="log", xlabel="pairs of link and obstacle", ylabel="tick, median, µs"
+    )
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3, which="both")
 
@@ -104,9 +105,9 @@ def _draw_time(figure: Any, study: Study) -> None:
             above.plot(time, stop, color="black", lw=1, ls="--", label="stop time")
     above.set_yscale("symlog", linthresh=0.1)
     above.set_ylim(0.0, None)
-    above.set_ylabel("s")
+    above.set(ylabel="s")
     above.legend(fontsize="small")
     above.grid(alpha=0.3)
     below.set_yticks([int(level) for level in Level], [level.name for level in Level])
-    below.set_xlabel("scene, s")
+    below.set(xlabel="scene, s")
     below.grid(alpha=0.3)

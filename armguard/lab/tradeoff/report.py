@@ -5,11 +5,9 @@ Every figure comes from the run, whose command, machine, versions and seed the r
 
 from __future__ import annotations
 
-import base64
 import collections
-import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,10 +17,9 @@ from armguard.lab.pages import (
     PAGE,
     Column,
     list_pictures,
-    make_plain,
-    round_off,
     write_csv,
     write_files,
+    write_html,
     write_json,
     write_page,
     write_table,
@@ -164,18 +161,18 @@ def summarise(study: Study) -> list[str]:
 
 
 def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str, bytes]) -> None:
-    """Write all files; pictures are PNG and SVG by file name.
+    """Write all files; pictures are PNG files by name.
 
     Raises:
         ArmguardError: One of them cannot be written.
     """
     heads, rows = tabulate(study)
     legend = [f"- {line}" for line in LEGEND]
-    body = ["## Settings", "", *legend, "", *write_table(heads, rows)]
+    title = f"What accuracy costs: {about.title}"
     page = write_page(
-        f"What accuracy costs: {about.title}",
+        title,
         summarise(study),
-        body,
+        ["## Settings", "", *legend, "", *write_table(heads, rows)],
         list_pictures(CAPTIONS, pictures),
         _list_facts(study, about),
         CSV_FILE,
@@ -184,7 +181,7 @@ def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str
         JSON_FILE: write_json(describe(study, about)),
         CSV_FILE: _write_csv(study),
         PAGE: page,
-        HTML_FILE: _write_html(study, about, pictures).encode(),
+        HTML_FILE: write_html(title, page, pictures),
     }
     write_files(folder, {**files, **pictures})
 
@@ -197,21 +194,19 @@ def describe(study: Study, about: About) -> dict[str, Any]:
         "interrupted": study.interrupted,
         "summary": summarise(study),
         "front": study.front,
-        "choice": study.choice and study.choice._asdict(),
+        "choice": study.choice,
         "settings": [
             {
                 "name": one.setting.name,
                 "axis": one.setting.axis,
                 "refused": one.refused,
                 **({"machine": one.machine} if one.machine else {}),
-                "figures": one.figures and make_plain(one.figures._asdict()),
+                "figures": one.figures,
             }
             for one in study.outcomes
         ],
-        "contacts": None if study.contacts is None else [one._asdict() for one in study.contacts],
-        "adversary": [
-            {"time": one.time, "contact": round_off(one.contact)} for one in study.hunted
-        ],
+        "contacts": study.contacts,
+        "adversary": study.hunted,
         "growth": [
             {name: value for name, value in one._asdict().items() if name != "machine" or value}
             for one in study.grown
@@ -315,57 +310,3 @@ def _count_machines(study: Study) -> str:
         counts = collections.Counter(one.machine for one in rows if one.machine)
         told += [f"{count} {what} on {machine}" for machine, count in sorted(counts.items())]
     return ", ".join(told)
-
-
-def _write_html(study: Study, about: About, pictures: Mapping[str, bytes]) -> str:
-    """One page that needs no other file, and no network."""
-    heads, rows = tabulate(study)
-    table = f"<tr>{''.join(f'<th>{html.escape(head)}</th>' for head in heads)}</tr>\n"
-    for row in rows:
-        table += f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>\n"
-    images = "".join(
-        f'<figure><img alt="{html.escape(caption)}" src="data:image/png;base64,'
-        f'{base64.b64encode(pictures[name]).decode()}"><figcaption>{html.escape(caption)}'
-        "</figcaption></figure>\n"
-        for name, caption in list_pictures(CAPTIONS, pictures).items()
-    )
-    title = html.escape(f"What accuracy costs: {about.title}")
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width">
-<style>
-body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
-.wide {{ overflow-x: auto; }}
-table {{ border-collapse: collapse; font-size: 12px; }}
-th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; text-align: right; }}
-td {{ white-space: nowrap; }}
-th:first-child, td:first-child {{ text-align: left; white-space: normal; min-width: 12em; }}
-figure {{ margin: 1.5em 0; }}
-img {{ max-width: 100%; display: block; }}
-figcaption {{ color: #555; }}
-code {{ overflow-wrap: anywhere; }}
-</style></head><body>
-<h1>{title}</h1>
-{_list(summarise(study))}
-{images}
-<h2>Settings</h2>
-{_list(LEGEND)}
-<div class="wide"><table>
-{table}</table></div>
-<h2>How it was measured</h2>
-{_list(_list_facts(study, about))}
-</body></html>
-"""
-
-
-def _list(lines: Sequence[str]) -> str:
-    """A list in HTML, of lines in Markdown: what is bold there, or code, is so here."""
-    items = []
-    for line in map(html.escape, lines):
-        for mark, tag in (("**", "b"), ("`", "code")):
-            parts = line.split(mark)
-            line = "".join(
-                f"<{tag}>{part}</{tag}>" if place % 2 else part for place, part in enumerate(parts)
-            )
-        items.append(f"<li>{line}</li>\n")
-    return f"<ul>\n{''.join(items)}</ul>"

@@ -6,7 +6,6 @@ at the same times. The arm goes on whatever is said: all settings judge the same
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,17 +14,15 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.exceptions import ArmguardError
 from armguard.lab.simulation import (
     JointTrajectory,
     ObstacleSource,
     ProceduralPerson,
-    Recording,
     WanderingBalls,
-    keeps_within,
-    random_trajectory,
 )
 from armguard.lab.simulation.person import DURATIONS
+from armguard.lab.simulation.recordings import place_recording
+from armguard.lab.simulation.trajectory import plan_work
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -45,10 +42,6 @@ count with the ones or the others judge the same arm."""
 LOWEST, NEAREST = 0.02, -0.13
 """The arm works above its table, and not far on the side that people come from (-y), in [m]."""
 
-SETBACK = 0.4
-"""People in recordings stood at a small table with the arm on it; here they stand this much farther
-away, along -y, in [m]: the arms differ, and so would the people's places."""
-
 TARGET = (0.0, -0.25, 0.35)
 """Where a simulated person reaches, in the frame of the arm's base, in [m]: near enough to where
 the arm works that all levels occur, of an arm that keeps to its published operating limits too."""
@@ -56,9 +49,8 @@ the arm works that all levels occur, of an arm that keeps to its published opera
 CYCLE = 30.0
 """Until the arm's motion repeats, at most, in [s]."""
 
-CLEARANCE, HALL, BALL = 1.0, 4.0, 0.1
-"""Distance that balls keep from the arm's axis, half the width of where they are, and their radius,
-in [m]."""
+CLEARANCE = 1.0
+"""Distance that balls keep from the arm's axis, in [m]."""
 
 
 class Site(NamedTuple):
@@ -95,6 +87,10 @@ class Message(NamedTuple):
     """[m]. Shape (n,)."""
     bounds: dict[str, Any]
     """Accelerations, speeds and errors, where they are stated."""
+
+    def bound(self, name: str, row: int, otherwise: float = 0.0) -> float:
+        """A bound or error of one row, `otherwise` where none is stated."""
+        return float(np.broadcast_to(self.bounds.get(name, otherwise), len(self.ids))[row])
 
     def tell(self, obstacles: Obstacles) -> None:
         """Hand it to a table."""
@@ -137,7 +133,6 @@ class Scene:
         self.trajectory = _plan_work(site, seed, min(seconds, CYCLE))
         self.messages: list[Message] = []
         for source in sources:
-            source.publish(_Nobody(), begin - 1e-9)
             source.publish(_Notebook(self.messages, begin, site), begin + seconds)
         for name in site.sources[1:]:
             for tick in range(math.ceil(seconds / 0.05)):
@@ -169,9 +164,7 @@ def make_scene(
     told = []
     begin = 0.0
     if person is not None:
-        placement = np.eye(4)
-        placement[1, 3] = -SETBACK
-        recording = Recording(person, placement=placement)
+        recording = place_recording(person)
         sources.append(recording)
         seconds = min(seconds, recording.duration)
         begin = part * (recording.duration - seconds)
@@ -183,24 +176,13 @@ def make_scene(
         sources.append(ProceduralPerson(seed, visit, target=TARGET))
         told.append("a simulated person")
     if balls:
-        lower, upper = (-HALL, -HALL, 0.0), (HALL, HALL, 2.0)
-        crowd = WanderingBalls(
-            balls, seed, radius=BALL, lower=lower, upper=upper, clearance=CLEARANCE
-        )
-        sources.append(crowd)
+        sources.append(WanderingBalls(balls, seed, clearance=CLEARANCE))
         told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
 
-class _Nobody:
-    """Takes what came before the scene."""
-
-    def update(self, *message: Any, **fields: Any) -> None:
-        pass
-
-
 class _Notebook:
-    """Takes down what a source says, at the scene's times."""
+    """Takes down what a source says from the scene's begin on, at the scene's times."""
 
     def __init__(self, messages: list[Message], begin: float, site: Site) -> None:
         self._messages, self._begin, self._site = messages, begin, site
@@ -212,38 +194,33 @@ class _Notebook:
         position: ArrayLike,
         velocity: ArrayLike | None = None,
         radius: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
         source: str = "default",
+        **bounds: ArrayLike | None,
     ) -> None:
         """Take down one call."""
+        if stamp < self._begin - 1e-9:
+            return
         count = len(ids)
+        name = self._site.sources[0] if self._site.sources else source
         if not count:
-            self._messages.append(_heartbeat(stamp - self._begin, self._name(source)))
+            self._messages.append(_heartbeat(stamp - self._begin, name))
             return
         places = np.array(position, dtype=np.float64).reshape(count, -1, 3)
         paces = np.zeros(places.shape)
         if velocity is not None:
             paces = np.array(velocity, dtype=np.float64).reshape(places.shape)
         base = self._site.base
-        named = {"accel": accel, "speed": speed, "position_error": position_error}
-        named["velocity_error"] = velocity_error
         self._messages.append(
             Message(
                 stamp - self._begin,
-                self._name(source),
+                name,
                 tuple(ids),
                 places @ base.rotation.T + base.translation,
                 paces @ base.rotation.T,
                 np.broadcast_to(np.asarray(radius, dtype=np.float64), (count,)).copy(),
-                {name: value for name, value in named.items() if value is not None},
+                {name: value for name, value in bounds.items() if value is not None},
             )
         )
-
-    def _name(self, source: str) -> str:
-        return self._site.sources[0] if self._site.sources else source
 
 
 def _heartbeat(stamp: float, source: str) -> Message:
@@ -270,21 +247,8 @@ def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
         velocities, accelerations = operating.resolve(robot)
         speed = min(speed, WITHIN * float((velocities / robot.velocity_limit).min()))
         acceleration = min(acceleration, WITHIN * float((accelerations / able).min()))
-    plan = functools.partial(
-        random_trajectory,
-        robot,
-        seed,
-        duration,
-        speed_fraction=speed,
-        acceleration_fraction=acceleration,
+    anywhere = (math.inf,) * 3
+    boxes = [((-math.inf, side, LOWEST), anywhere) for side in (NEAREST, -math.inf)]
+    return plan_work(
+        robot, seed, duration, boxes, speed_fraction=speed, acceleration_fraction=acceleration
     )
-    boxes = (
-        ((-math.inf, NEAREST, LOWEST), (math.inf,) * 3),
-        ((-math.inf, -math.inf, LOWEST), (math.inf,) * 3),
-    )
-    for box in boxes:
-        try:
-            return plan(accept=keeps_within(robot, *box))
-        except ArmguardError:
-            continue
-    return plan()

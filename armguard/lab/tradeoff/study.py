@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.lab.choice import choose_settings
-from armguard.lab.rows import MACHINE, Row, Rows, Tell
+from armguard.lab.rows import MACHINE, Measure, Row, Rows, Tell
 from armguard.lab.tradeoff.adversary import Adversary, Body
 from armguard.lab.tradeoff.contestant import RATE, Contestant, Run, Track
 from armguard.lab.tradeoff.covers import Covers
 from armguard.lab.tradeoff.figures import Figures, Hunted, compute_figures, find_front
-from armguard.lab.tradeoff.growth import Grown, list_sizes, measure_growth, measure_size
+from armguard.lab.tradeoff.growth import Grown, list_sizes, measure_size
 from armguard.lab.tradeoff.ladder import (
     AUTO,
     DEFAULT,
@@ -95,8 +95,10 @@ def run_study(
     seed: int,
     covers: Covers,
     tell: Tell,
+    rows: Rows,
     trial: Scene | None = None,
-    rows: Rows | None = None,
+    *,
+    in_turns: bool = False,
 ) -> Study:
     """Run all settings; Ctrl-C ends it with what was measured so far.
 
@@ -107,9 +109,10 @@ def run_study(
         seed: Of the motions in which growth is measured.
         covers: Makes those that settings ask for.
         tell: Is told how far it is.
+        rows: Measures settings, and keeps them.
         trial: What settings are chosen by, where `AUTO` is among the axes: another scene than that
             which all are shown.
-        rows: Measures and keeps settings one by one; None: they take turns in this process.
+        in_turns: Whether settings take turns in this process instead of being measured one by one.
 
     Raises:
         ArmguardError: The default or the finest setting cannot be made.
@@ -123,7 +126,21 @@ def run_study(
         choice = _choose(site, trial, outcomes)
     if choice is not None:
         settings.append(make_setting(choice))
-    runs, interrupted = _run(settings, site, scene, covers, outcomes, "axes", tell, rows)
+
+    def run(some: Sequence[Setting], part: str) -> tuple[list[Run], str]:
+        """Let settings go through the scene; the part in which that was ended, if it was."""
+        tasks = _list_tasks(some, covers, outcomes, tell)
+        place = Turns(part, tell) if in_turns else None
+        found, is_whole = rows.measure(measure_setting, (site, scene), tasks, part, tell, place)
+        done = []
+        for name, row in found.items():
+            if "refused" in row:
+                _refuse(tasks[name][0], row["refused"], outcomes)
+            else:
+                done.append(Run.restore(tasks[name][0], row))
+        return done, "" if is_whole else part
+
+    runs, interrupted = run(settings, "axes")
     tracks = {run.setting.name: run.track for run in runs}
     seconds = min((run.begun for run in runs), default=0.0)
     if seconds <= 0.0 or not {DEFAULT, FINEST} <= set(tracks):
@@ -162,9 +179,7 @@ def run_study(
         if not interrupted:
             interrupted = "combinations"
             some = combine(_choose_rungs(outcomes))
-            combined, interrupted = _run(
-                some, site, scene, covers, outcomes, interrupted, tell, rows
-            )
+            combined, interrupted = run(some, interrupted)
             # Of settings that took turns and were ended early, none saw the whole scene.
             add([run for run in combined if run.begun >= seconds])
         if not interrupted and "schedule" in axes:
@@ -206,24 +221,10 @@ def _choose(site: Site, trial: Scene, outcomes: list[Outcome]) -> Choice | None:
         return None
 
 
-def _run(
-    settings: Sequence[Setting],
-    site: Site,
-    scene: Scene,
-    covers: Covers,
-    outcomes: list[Outcome],
-    part: str,
-    tell: Tell,
-    rows: Rows | None,
-) -> tuple[list[Run], str]:
-    """Let settings go through the scene; and the part in which that was ended early, if it was.
-
-    Of those that cannot be made it is noted why not.
-    """
-    if rows is None:
-        contestants = _make_contestants(settings, site, scene, covers, outcomes, tell)
-        interrupted = _run_turns(contestants, scene, part, tell)
-        return [one.report() for one in contestants], interrupted
+def _list_tasks(
+    settings: Sequence[Setting], covers: Covers, outcomes: list[Outcome], tell: Tell
+) -> dict[str, tuple[Setting, Cover]]:
+    """Settings with their covers, by name; of those without one it is noted why."""
     tasks = {}
     for number, setting in enumerate(settings):
         tell(f"making {setting.name}", number / len(settings))
@@ -231,15 +232,53 @@ def _run(
             tasks[setting.name] = setting, covers.choose(setting)
         except ArmguardError as error:
             _refuse(setting, str(error), outcomes)
-    found, is_whole = rows.measure(measure_setting, (site, scene), tasks, part, tell)
-    runs = []
-    for name, row in found.items():
-        setting = tasks[name][0]
-        if "refused" in row:
-            _refuse(setting, row["refused"], outcomes)
-        else:
-            runs.append(Run.restore(setting, row))
-    return runs, "" if is_whole else part
+    return tasks
+
+
+class Turns:
+    """This process, in which all settings go through the scene in turns.
+
+    Args:
+        part: Of the study, for the progress.
+        tell: Is told how far they are.
+    """
+
+    def __init__(self, part: str, tell: Tell) -> None:
+        self._part, self._tell = part, tell
+
+    def run(
+        self, measure: Measure, shared: Any, tasks: Mapping[str, tuple[Any, ...]]
+    ) -> Iterator[tuple[str, Row]]:
+        """Hand over all runs at the end; after Ctrl-C, what they had seen until then."""
+        site, scene = shared
+        made: dict[str, Contestant] = {}
+        for number, (name, (setting, cover)) in enumerate(tasks.items()):
+            self._tell(f"making {name}", number / len(tasks))
+            try:
+                made[name] = Contestant(setting, site, scene, cover)
+            except ArmguardError as error:
+                yield name, {"refused": str(error)}
+        is_whole = self._take_turns(made, scene)
+        for name, one in made.items():
+            yield name, one.report().describe()
+        if not is_whole:
+            raise KeyboardInterrupt
+
+    def _take_turns(self, made: Mapping[str, Contestant], scene: Scene) -> bool:
+        turns = max(1, round(scene.seconds / TURN))
+        try:
+            for turn in range(turns):
+                until = (turn + 1) * TURN if turn + 1 < turns else scene.seconds
+                gc.collect()
+                gc.disable()
+                for number, (name, one) in enumerate(made.items()):
+                    one.run(until)
+                    self._tell(f"{self._part}: {name}", (turn + number / len(made)) / turns)
+        except KeyboardInterrupt:
+            return False
+        finally:
+            gc.enable()
+        return True
 
 
 def measure_setting(shared: tuple[Site, Scene], setting: Setting, cover: Cover) -> Row:
@@ -261,26 +300,17 @@ def measure_setting(shared: tuple[Site, Scene], setting: Setting, cover: Cover) 
 def measure_grown(shared: tuple[Site, int], count: int, setting: Setting) -> Row:
     """`measure_size` as a row."""
     grown = measure_size(*shared, count, setting)
-    if grown is None:
-        return {"grown": None}
-    fields = grown._asdict()
-    del fields["machine"]
-    return {"grown": fields}
+    return {"grown": grown and grown._asdict()}
 
 
-def _grow(site: Site, seed: int, grown: list[Grown], tell: Tell, rows: Rows | None) -> str:
+def _grow(site: Site, seed: int, grown: list[Grown], tell: Tell, rows: Rows) -> str:
     """Measure the growth with pairs; the name of this part if it was ended early."""
     part = "growth"
-    if rows is None:
-        for one in measure_growth(site, seed):
-            grown.append(one)
-            tell(f"{part}: {one.pairs:,} pairs", 0.0)
-        return ""
     tasks = {f"{setting.name} among {count}": (count, setting) for count, setting in list_sizes()}
     found, is_whole = rows.measure(measure_grown, (site, seed), tasks, part, tell)
     for row in found.values():
         if row["grown"] is not None:
-            grown.append(Grown(**row["grown"], machine=row.get(MACHINE, "")))
+            grown.append(Grown(**row["grown"] | {"machine": row.get(MACHINE, "")}))
     return "" if is_whole else part
 
 
@@ -288,45 +318,6 @@ def _refuse(setting: Setting, reason: str, outcomes: list[Outcome]) -> None:
     if setting.name in (DEFAULT, FINEST):
         raise ArmguardError(f"setting {setting.name!r}", f"cannot be made: {reason}")
     outcomes.append(Outcome(setting, None, reason))
-
-
-def _make_contestants(
-    settings: Sequence[Setting],
-    site: Site,
-    scene: Scene,
-    covers: Covers,
-    outcomes: list[Outcome],
-    tell: Tell,
-) -> list[Contestant]:
-    """Those that can be made; of the others it is noted why not."""
-    made = []
-    for number, setting in enumerate(settings):
-        tell(f"making {setting.name}", number / len(settings))
-        try:
-            made.append(Contestant(setting, site, scene, covers.choose(setting)))
-        except ArmguardError as error:
-            if setting.name in (DEFAULT, FINEST):
-                raise
-            outcomes.append(Outcome(setting, None, str(error)))
-    return made
-
-
-def _run_turns(contestants: Sequence[Contestant], scene: Scene, part: str, tell: Tell) -> str:
-    """Let all go through the scene in turns; the part in which that was ended early, if it was."""
-    turns = max(1, round(scene.seconds / TURN))
-    try:
-        for turn in range(turns):
-            until = (turn + 1) * TURN if turn + 1 < turns else scene.seconds
-            gc.collect()
-            gc.disable()
-            for number, one in enumerate(contestants):
-                one.run(until)
-                tell(f"{part}: {one.setting.name}", (turn + number / len(contestants)) / turns)
-    except KeyboardInterrupt:
-        return part
-    finally:
-        gc.enable()
-    return ""
 
 
 def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
@@ -350,15 +341,12 @@ def _is_sound(outcome: Outcome) -> bool:
 def _find_contacts(site: Site, scene: Scene, seconds: float) -> list[Contact]:
     table = site.make_obstacles().settings
 
-    def bounds(body: str, message: Message, row: int) -> tuple[float, float, float, float]:
-        def read(name: str, default: float) -> float:
-            return float(np.broadcast_to(message.bounds.get(name, default), len(message.ids))[row])
-
+    def bounds(message: Message, row: int) -> tuple[float, float, float, float]:
         return (
-            read("accel", table.accel),
-            read("speed", table.speed),
-            read("position_error", 0.0),
-            read("velocity_error", 0.0),
+            message.bound("accel", row, table.accel),
+            message.bound("speed", row, table.speed),
+            message.bound("position_error", row),
+            message.bound("velocity_error", row),
         )
 
     found = find_contacts(scene, TrueArm(site.robot, site.base), bounds)
@@ -396,17 +384,13 @@ def _list_bodies(scene: Scene, time: float, accel: float, speed: float) -> list[
             break
         if message.stamp < time - 0.05:
             continue
-        bounds = [
-            np.broadcast_to(message.bounds.get(name, default), len(message.ids))
-            for name, default in (("accel", accel), ("speed", speed))
-        ]
         for row, body in enumerate(message.ids):
             velocity = message.velocity[row].mean(axis=0)
             latest[body] = Body(
                 message.position[row] + velocity * (time - message.stamp),
                 velocity,
                 float(message.radius[row]),
-                float(bounds[0][row]),
-                float(bounds[1][row]),
+                message.bound("accel", row, accel),
+                message.bound("speed", row, speed),
             )
     return list(latest.values())

@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 DOUBT = 0.5
 """How long after it broke its bounds nothing was promised of a body, in [s]."""
 
-Bounds = Callable[[str, Message, int], tuple[float, float, float, float]]
-"""Of a body in a message: acceleration [m]/[s²], speed [m]/[s], errors of position [m] and velocity
+Bounds = Callable[[Message, int], tuple[float, float, float, float]]
+"""Of a row of a message: acceleration [m]/[s²], speed [m]/[s], errors of position [m] and velocity
 [m]/[s]."""
 
 
@@ -124,19 +124,19 @@ def find_contacts(scene: Scene, arm: TrueArm, bounds: Bounds) -> list[Contact]:
             elif body not in touching:
                 touching.add(body)
                 if np.abs(v).max() > 1e-6 and len(seen) > 1:
-                    is_beyond = _broke_bounds(seen, body, bounds)
+                    is_beyond = _broke_bounds(seen, bounds)
                     contacts.append(Contact(message.stamp, seen[0][0].stamp, body, is_beyond))
     return contacts
 
 
-def _broke_bounds(seen: list[tuple[Message, int]], body: str, bounds: Bounds) -> bool:
+def _broke_bounds(seen: list[tuple[Message, int]], bounds: Bounds) -> bool:
     """Whether two of a body's last samples cannot both be true of one within its bounds."""
     end = seen[-1][0].stamp
     recent = [one for one in seen if one[0].stamp >= end - DOUBT]
     for k, (first, i) in enumerate(recent):
-        accel, speed, place_error, pace_error = bounds(body, first, i)
+        accel, speed, place_error, pace_error = bounds(first, i)
         for later, j in recent[k + 1 :]:
-            _, _, later_place_error, later_pace_error = bounds(body, later, j)
+            _, _, later_place_error, later_pace_error = bounds(later, j)
             time, errors = later.stamp - first.stamp, place_error + later_place_error
             moved = later.position[j] - first.position[i]
             straight = moved - first.velocity[i] * time

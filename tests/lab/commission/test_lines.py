@@ -21,7 +21,7 @@ def find(stops, braking=4.0):
     seen.robot.position_error = np.array([1e-3])
     seen.robot.velocity_error = np.array([1e-9])
     seen.robot.upper_position_limit = np.array([np.inf])
-    entry = BrakeEntry(2.0, 1.5, np.inf, np.inf, 3.5, "the maker")
+    entry = BrakeEntry(2.0, 1.5, np.inf, np.inf, 3.5, 'the "maker"')
     seen.robot.brakes = Brakes(seen.robot.joints, {"joint0": [entry]})
     return commission(seen)
 

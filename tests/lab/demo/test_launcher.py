@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from armguard.app.cell import Cell
+from armguard.app.cli import Demo
 from armguard.exceptions import ArmguardError
 from armguard.lab.demo.launcher import run_demo, write_cell
 from armguard.lab.demo.nodes import make_sources
@@ -29,13 +30,13 @@ def test_a_page_whose_port_is_taken_is_a_mistake(tmp_path):
 
 
 def test_mistakes_are_raised_before_anything_is_started():
-    for mistake in ({"duration": float("nan")}, {"duration": -1.0}, {"obstacle_count": -1}):
+    for mistake in ({"duration": float("nan")}, {"duration": -1.0}, {"obstacles": -1}):
         with pytest.raises(ArmguardError):
-            run_demo(**mistake)
+            run_demo(Demo(**mistake))
     with pytest.raises(ArmguardError, match="port"):
-        run_demo(port=-1)
+        run_demo(Demo(port=-1))
     with pytest.raises(ArmguardError, match=r"has no robot\.toml"):
-        run_demo(robot="/")
+        run_demo(Demo(robot="/"))
 
 
 @pytest.mark.parametrize("has_published", [True, False])

@@ -11,15 +11,14 @@ from armguard.lab.extremes.line import SOUND, UNSOUND, Line
 def found(monkeypatch):
     """What the measurement finds, instead of measuring."""
     lines = [Line("radius", "1 m", SOUND)]
-    monkeypatch.setattr(extremes, "measure_evaluations", lambda cases, seed: iter(lines))
-    monkeypatch.setattr(extremes, "measure_ticks", lambda **how: iter([]))
+    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (lines, True))
     return lines
 
 
 def test_the_page_is_printed_or_written(found, tmp_path, capsys):
     assert main(["extremes"]) == 0
     assert "# At the extremes" in capsys.readouterr().out
-    assert main(["extremes", "--out", str(tmp_path / "page.md"), "--small"]) == 0
+    assert main(["extremes", "--out", str(tmp_path / "page.md")]) == 0
     out = capsys.readouterr().out
     assert "1 cases: 1 sound" in out
     assert "| 1 m | sound |" in (tmp_path / "page.md").read_text()
@@ -35,16 +34,12 @@ def test_what_is_unsound_is_an_exit_code(found, capsys):
 def test_a_page_that_cannot_be_written_is_a_mistake(out, found, capsys):
     assert main(["extremes", "--out", out]) == 2
     out, err = capsys.readouterr()
-    assert re.fullmatch(r"armguard: --out: [^\n]+\n", err)
+    assert re.fullmatch(r"armguard: --out [^\n]+ cannot be written [^\n]+\n", err)
     assert out == ""
 
 
-def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys):
-    def measure(cases, seed):
-        yield Line("radius", "1 m", SOUND)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(extremes, "measure_evaluations", measure)
+def test_an_interrupt_keeps_what_was_found(found, monkeypatch, capsys):
+    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (found, False))
     assert main(["extremes"]) == 0
     out = capsys.readouterr().out
     assert "Interrupted: what is missing had not begun." in out
@@ -52,11 +47,7 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch, capsys):
 
 
 def test_an_interrupt_before_anything_says_so(monkeypatch, capsys):
-    def measure(cases, seed):
-        raise KeyboardInterrupt
-        yield
-
-    monkeypatch.setattr(extremes, "measure_evaluations", measure)
+    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: ([], False))
     assert main(["extremes"]) == 130
     assert "interrupted before there was anything" in capsys.readouterr().err
 

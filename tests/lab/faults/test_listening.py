@@ -8,6 +8,7 @@ from armguard.lab.faults.listening import LineLog, VerdictLog
 from armguard.streams import VerdictPublisher
 from armguard.verdict import Level, Reason, ReasonKind
 from support.verdict_samples import verdict
+from support.waiting import wait_until
 
 PATIENCE = 20.0
 SILENT = Reason(ReasonKind.SOURCE_SILENT, "camera")
@@ -27,13 +28,6 @@ def wire(tmp_path):
 
 def say(publisher, level=Level.CLEAR, **changes):
     publisher.publish(verdict(level, **changes))
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_verdicts_are_kept_where_they_change(wire):

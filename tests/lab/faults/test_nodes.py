@@ -18,6 +18,7 @@ from armguard.streams import SocketInput, VerdictPublisher
 from armguard.streams.messages import ObstaclesMessage, RemoveMessage, decode
 from armguard.verdict import Level
 from support.verdict_samples import verdict
+from support.waiting import wait_until
 
 PATIENCE = 60.0
 JOINTS = 7
@@ -38,13 +39,6 @@ def start(tmp_path):
             process.kill()
             process.communicate()
     assert (tmp_path / "log").read_text() == ""
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
 
 
 def read(path):

@@ -8,15 +8,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.session import FaultyCell
-
-PATIENCE = 120.0
-
-
-def wait_until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+from support.waiting import wait_until
 
 
 def descendants(pid):

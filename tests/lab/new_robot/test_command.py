@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from armguard.app.cell import Cell
-from armguard.app.cli import main
+from armguard.app.cli import NewRobot, main
 from armguard.exceptions import RobotError
 from armguard.lab.new_robot import command
-from armguard.lab.new_robot.command import Wishes, make_folder
+from armguard.lab.new_robot.command import make_folder
 from armguard.lab.new_robot.questions import GIVEN, Asker
 from armguard.robot import Robot
 from armguard.robot.ros_parameters import PlanningLimits
@@ -33,9 +33,9 @@ def run(arguments, capsys):
 
 
 def make(urdf, out, planning=None, ask=None, **wishes):
-    wishes = {"takes_usual": ask is None, "spheres": 2} | wishes
-    asker = Asker(ask, takes_usual=wishes["takes_usual"])
-    return make_folder(Wishes(Path(urdf), out, **wishes), planning, asker)
+    wishes = {"yes": ask is None, "spheres": 2} | wishes
+    asker = Asker(ask, takes_usual=wishes["yes"])
+    return make_folder(NewRobot("new", Path(urdf), out, **wishes), planning, asker)
 
 
 def read(folder):
@@ -192,7 +192,7 @@ def test_a_terminal_is_asked_and_enter_takes_what_is_usual(tmp_path):
                 return left.pop(0) if left else ""
         return ""
 
-    make(two_links(tmp_path), tmp_path / "mine", ask=ask, takes_usual=False)
+    make(two_links(tmp_path), tmp_path / "mine", ask=ask, yes=False)
     said = read(tmp_path / "mine")
     assert said["joints"]["shoulder"]["acceleration"] == 7.0
     assert said["brakes"][0]["load"] == 2.0
@@ -370,7 +370,7 @@ def test_a_folder_that_has_something_in_it_is_left_alone(tmp_path, capsys):
 def test_an_mjcf_becomes_a_robot_and_its_missing_velocities_are_named(tmp_path):
     path, out = write_mjcf(tmp_path), tmp_path / "mine"
     with pytest.raises(RobotError, match=r"--velocity.*pan, lift, roll"):
-        make(path, out, takes_usual=False, ask=None)
+        make(path, out, yes=False, ask=None)
     make(path, out, velocity=["2"], spheres=1)
     robot = Robot.load(out)
     assert robot.joints == ("pan", "lift", "roll")

@@ -24,16 +24,17 @@ def make_new(**changes):
         "locked": {
             "finger": LockedJoint(travel=(0.0, 0.04)), "torso": LockedJoint(position=-0.25)
         },
-        "lock_source": "They stand still.",
-        "position": {"a": Figure((-1.0, 2.0), "the model file")},
-        "velocity": each(1.5, "the model file", "CHOSEN: fast"),
-        "acceleration": each(9.0, "DERIVED: from efforts"),
-        "position_error": each(0.001, "CHOSEN: the default"),
-        "velocity_error": each(0.03, "GIVEN"),
-        "load": Figure(2.0, "CHOSEN: 2 kg"),
-        "deceleration": each(3.0, "CHOSEN: soft", "measured"),
-        "work_velocity": each(1.0, "limits.yaml"),
-        "work_acceleration": each(4.0, "limits.yaml", "CHOSEN: gentle"),
+        "figures": {
+            "load": {"": Figure(2.0, "CHOSEN: 2 kg")},
+            "position": {"a": Figure((-1.0, 2.0), "the model file")},
+            "velocity": each(1.5, "the model file", "CHOSEN: fast"),
+            "acceleration": each(9.0, "DERIVED: from efforts"),
+            "position_error": each(0.001, "CHOSEN: the default"),
+            "velocity_error": each(0.03, "GIVEN"),
+            "deceleration": each(3.0, "CHOSEN: soft", "measured"),
+            "operating_velocity": each(1.0, "limits.yaml"),
+            "operating_acceleration": each(4.0, "limits.yaml", "CHOSEN: gentle"),
+        },
     }  # fmt: skip
     return NewRobot(**(figures | changes))
 

@@ -1,5 +1,4 @@
 import json
-import re
 
 import pytest
 
@@ -9,40 +8,28 @@ from armguard.lab.paper import command as paper
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr(paper, "SMALL_BALLS", (3, 8))
-    monkeypatch.setattr(paper, "SMALL_EVALUATIONS", 300)
+    monkeypatch.setattr(paper, "BALLS", (3, 8))
+    monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
 
 
 def run(tmp_path, *words):
-    return main(["paper", "--small", "--no-plots", "--out", str(tmp_path / "out"), *words])
+    return main(["paper", "--no-plots", "--out", str(tmp_path / "out"), *words])
 
 
 def test_the_report_is_written_and_its_summary_printed(tmp_path, capsys):
-    assert run(tmp_path, "--period", "0.05") == 0
+    assert run(tmp_path) == 0
     out = capsys.readouterr().out
     assert "- Unwatched pairs: 0, in" in out
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     assert {row["pairs"] for row in data["rows"]} == {3, 28}
-    assert {row["period"] for row in data["rows"]} == {0.05}
+    assert {row["period"] for row in data["rows"]} == {0.05, 0.001}
     assert data["interrupted"] is False
     assert "numpy" in data["versions"]
 
 
-@pytest.mark.parametrize(
-    ("words", "pattern"),
-    [
-        (["--period", "0"], "--period: is 0 s; expected 0.0001 to 1"),
-        (["--period", "nan"], "--period: is nan s"),
-        (["--period", "0.1", "0.1"], "--period: names one period twice"),
-        (["--seed", "-1"], "--seed: is -1"),
-    ],
-)
-def test_mistakes_are_one_line(words, pattern, tmp_path, capsys):
-    assert run(tmp_path, *words) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert re.fullmatch(r"armguard: [^\n]+\n", err)
-    assert pattern in err
+def test_a_mistake_is_one_line(tmp_path, capsys):
+    assert run(tmp_path, "--seed", "-1") == 2
+    assert capsys.readouterr() == ("", "armguard: --seed: is -1; expected 0 or more\n")
 
 
 def test_an_output_folder_that_is_a_file_is_a_mistake(tmp_path, capsys):

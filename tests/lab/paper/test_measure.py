@@ -9,7 +9,6 @@ from armguard.lab.paper.measure import (
     FULL,
     compute_claim,
     count_comparisons,
-    fit_exponent,
     measure_claims,
 )
 from armguard.lab.paper.world import World
@@ -125,12 +124,6 @@ def test_comparisons_are_those_of_a_merge_sort():
     assert count_comparisons(np.arange(100.0)) == 99
     mixed = np.random.default_rng(0).random(1024)
     assert math.log2(math.factorial(1024)) * 0.98 < count_comparisons(mixed) < 1024 * 10
-
-
-def test_exponents_are_those_of_powers():
-    pairs = [10, 100, 1000]
-    assert fit_exponent(pairs, [3.0 * count**1.5 for count in pairs]) == pytest.approx(1.5)
-    assert math.isnan(fit_exponent([10], [1.0]))
 
 
 def test_the_claim_counts_buckets_as_the_erratum_does():

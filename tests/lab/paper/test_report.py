@@ -64,7 +64,7 @@ def test_files_are_written_and_hold_the_same(tmp_path):
     write_report(tmp_path, rows, False, {"command": "`armguard paper`"}, draw_pictures(rows))
     assert {path.name for path in tmp_path.iterdir()} == {
         "report.json", "claims.csv", "README.md",
-        "cost.png", "cost.svg", "awareness.png", "awareness.svg",
+        "cost.png", "awareness.png",
     }  # fmt: skip
     data = json.loads((tmp_path / "report.json").read_text())
     assert data["rows"][0]["late_p50"] is None

@@ -1,30 +1,39 @@
-import os
 import signal
 import sys
 import textwrap
 
 import msgspec
 
-from armguard.lab.simulation.processes import read_device, start_device
-from support.recordings_made import wait_until
+from armguard.lab.simulation.processes import run_device, start_device
+from support.waiting import wait_until
+
+runs, parents = [], []
 
 
-class Lamp(msgspec.Struct, tag=True):
+class Device(msgspec.Struct):
     name: str
+
+    def run(self):
+        runs.append(self)
+
+
+class Lamp(Device, tag=True):
     brightness: float
 
 
-class Horn(msgspec.Struct, tag=True):
-    name: str
+class Horn(Device, tag=True):
+    pass
 
 
-def test_a_device_is_read_as_it_was_described(monkeypatch):
+def test_a_device_is_run_as_it_was_described(monkeypatch):
     before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("armguard.lab.simulation.processes.end_with", parents.append)
     try:
         for device in (Lamp('"ü" {1}', 0.1), Horn("")):
             line = ["-m", msgspec.json.encode(device).decode(), "7"]
             monkeypatch.setattr(sys, "argv", line)
-            assert read_device(Lamp | Horn) == (device, 7)
+            run_device(Lamp | Horn)
+            assert (runs.pop(), parents.pop()) == (device, 7)
     finally:
         signal.signal(signal.SIGTERM, before)
 
@@ -35,17 +44,19 @@ def test_a_device_runs_in_a_process_that_ends_as_it_is_told(tmp_path, monkeypatc
             """
             import sys
             import msgspec
-            from armguard.lab.simulation.processes import read_device
+            from armguard.lab.simulation.processes import run_device
 
             class Lamp(msgspec.Struct, tag=True):
                 name: str
                 brightness: float
 
-            lamp, parent = read_device(Lamp)
-            sys.stderr.write(f"{lamp.name} of {parent}: ")
-            for line in sys.stdin:
-                sys.stderr.write(line)
-                sys.stderr.flush()
+                def run(self):
+                    sys.stderr.write(f"{self.name}: ")
+                    for line in sys.stdin:
+                        sys.stderr.write(line)
+                        sys.stderr.flush()
+
+            run_device(Lamp)
             """
         )
     )
@@ -64,4 +75,4 @@ def test_a_device_runs_in_a_process_that_ends_as_it_is_told(tmp_path, monkeypatc
         ended.terminate()
         assert ended.wait() == 0
         ended.stdin.close()
-    assert (tmp_path / "log").read_text().startswith(f"red of {os.getpid()}: on\n")
+    assert (tmp_path / "log").read_text().startswith("red: on\n")

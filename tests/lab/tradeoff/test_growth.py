@@ -1,7 +1,7 @@
 import pytest
 
 from armguard.lab.tradeoff import growth
-from armguard.lab.tradeoff.growth import Grown, fit_exponents, measure_growth
+from armguard.lab.tradeoff.growth import Grown, fit_exponents, list_sizes, measure_size
 from support.tradeoff_cases import make_site
 
 
@@ -19,7 +19,7 @@ def test_exponents_are_those_of_the_large():
 def test_each_schedule_is_run_at_each_size(monkeypatch):
     monkeypatch.setattr(growth, "COUNTS", (1, 4))
     monkeypatch.setattr(growth, "SECONDS", 0.02)
-    found = list(measure_growth(make_site(), 0))
+    found = [measure_size(make_site(), 0, count, one) for count, one in list_sizes()]
     assert [(one.schedule, one.pairs) for one in found] == [
         (name, 10 * count)
         for count in (1, 4)

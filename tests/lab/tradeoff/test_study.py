@@ -1,6 +1,7 @@
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.rows import Here, Rows
 from armguard.lab.tradeoff import growth
 from armguard.lab.tradeoff import study as study_module
 from armguard.lab.tradeoff.command import _make_site
@@ -10,6 +11,8 @@ from armguard.lab.tradeoff.report import summarise
 from armguard.lab.tradeoff.scene import make_scene
 from armguard.lab.tradeoff.study import TURN, _choose, run_study
 from support.tradeoff_cases import make_site, small_scene
+
+UNKEPT = Rows(Here(), None, {}, resume=False)
 
 
 @pytest.fixture(autouse=True)
@@ -21,7 +24,9 @@ def _quick(monkeypatch):
 
 def study(tell=lambda text, share: None, axes=("schedule", "budget"), **settings):
     site = make_site(**{"rate": 100.0} | settings)
-    return run_study(site, small_scene(0.4), axes, 0, Covers(site.robot), tell)
+    return run_study(
+        site, small_scene(0.4), axes, 0, Covers(site.robot), tell, UNKEPT, in_turns=True
+    )
 
 
 def interrupt(where, times=1):
@@ -64,7 +69,7 @@ def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene():
     site = make_site(rate=100.0)
     trial = make_scene(site, None, 3, 0.4, 7)[0]
     given = site, small_scene(0.4), [AUTO], 0, Covers(site.robot), lambda text, share: None
-    found = run_study(*given, trial)
+    found = run_study(*given, UNKEPT, trial)
     assert [one.setting.name for one in found.outcomes] == [DEFAULT, FINEST, AUTO]
     assert found.choice.ticks == 40
     assert found.find(AUTO).missed == 0.0
