@@ -20,7 +20,7 @@ from armguard.jit.carried import CARRIED, PROCESSOR, describe_environment
 from armguard.jit.progress import compilation
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE, SCHEDULES
 

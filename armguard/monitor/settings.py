@@ -16,12 +16,11 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
 from armguard.scheduling.deadline import DeadlineScheduler
-from armguard.scheduling.pair_scheduler import PairScheduler
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 from armguard.scheduling.scheduler import Scheduler
 
@@ -258,6 +257,9 @@ def make_scheduler(
         )
 
     if schedule is not None:
+        # Only schedules of pairs need it, and what it checks exactly.
+        from armguard.scheduling.pair_scheduler import PairScheduler
+
         return PairScheduler(robot, obstacles, schedule, make_arm, states, operating)
     return DeadlineScheduler(
         robot,

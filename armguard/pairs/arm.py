@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+import functools
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
-from armguard.contact.earliest import Certificate
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
-from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.proof import prove_pair
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from armguard.contact.earliest import Certificate
+    from armguard.pairs.hull_distance import HullDistance
 
 
 class WatchedArm:
@@ -82,9 +84,15 @@ class WatchedArm:
             margin=margin,
             by_distance=by_distance,
         )
-        self.hull_distance = HullDistance(robot, self.kinematics)
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
+
+    @functools.cached_property
+    def hull_distance(self) -> HullDistance:
+        """Distances of its links' true geometry; made for those who ask for closest points."""
+        from armguard.pairs.hull_distance import HullDistance
+
+        return HullDistance(self._robot, self.kinematics)
 
     def fits(self, robot: Robot) -> bool:
         """Whether it was laid out for all links that a robot has now, in order, and as they are."""
@@ -127,6 +135,8 @@ class WatchedArm:
 
     def prove(self, pair: int, sphere: int) -> tuple[Certificate, dict[str, Any]] | None:
         """A certificate of one pair in this tick and what it is about; see `prove_pair`."""
+        from armguard.pairs.proof import prove_pair
+
         return prove_pair(self.state, sphere, pair // len(self.links))
 
 
