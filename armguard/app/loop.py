@@ -22,7 +22,12 @@ import armguard
 from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
-from armguard.app.realtime import IdleCollector, Realtime, request_realtime
+from armguard.app.realtime import (
+    IdleCollector,
+    Realtime,
+    release_compiler,
+    request_realtime,
+)
 from armguard.bounds.arm import PLANNED
 from armguard.clock import Clock, MonotonicClock
 from armguard.exceptions import ArmguardError
@@ -490,6 +495,7 @@ def run(
         loop = RateLoop(
             monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
         )
+        release_compiler()
         with _ending_with_a_stop(publisher, clock, note):
             if not realtime:
                 report = loop.run(duration)

@@ -42,7 +42,6 @@ from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import ResetVerdict, Verdict
 from armguard.view.listening import LOOPBACK
 from armguard.view.messages import StatusMessage
-from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 
 REACH_TIMEOUT = 3.0
@@ -408,6 +407,9 @@ def show(
         host: Address of the interface on which the page is served; by token beyond loopback.
         key_files: Secret file of a client that may view, and the monitor's public file.
     """
+    # It brings a web server along, which no monitor needs.
+    from armguard.view.process import launch
+
     with (
         contextlib.suppress(KeyboardInterrupt),
         launch(address, port, floor=floor, host=host, key_files=key_files) as page,

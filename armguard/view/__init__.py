@@ -6,6 +6,9 @@ drawing commands and serves Meshcat's viewer on the loopback interface. However 
 view or a browser may be, no tick of the monitor is ever delayed by it.
 """
 
+from typing import TYPE_CHECKING
+
+from armguard.lazy import lazy_names
 from armguard.view.buckets import compute_buckets
 from armguard.view.messages import (
     FrameMessage,
@@ -15,8 +18,15 @@ from armguard.view.messages import (
     SceneMessage,
     VerdictSummary,
 )
-from armguard.view.process import ViewProcess, launch
 from armguard.view.publisher import FramePublisher
+
+if TYPE_CHECKING:
+    from armguard.view.process import ViewProcess, launch
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {"ViewProcess": "armguard.view.process", "launch": "armguard.view.process"},
+    )
 
 __all__ = [
     "FrameMessage",

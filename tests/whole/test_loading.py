@@ -53,6 +53,9 @@ NOT_LOADED = (
     "armguard.pairs.hull_distance",
 )
 
+HEAVY = ("dask", "matplotlib", "mcap", "meshcat", "mujoco", "tornado")
+"""Libraries of others: the page's server, recordings, studies, bridges."""
+
 PLAIN_MONITOR = """
 import sys
 import armguard
@@ -129,6 +132,7 @@ def test_a_running_cell_loads_nothing_after_its_first_tick(tmp_path):
     *summary, loaded, later = out.splitlines()
     assert {"STOP", "SLOW", "CLEAR"} <= json.loads("".join(summary))["levels"].keys()
     assert find_unneeded(loaded.split()) == []
+    assert not set(HEAVY) & {*loaded.split(), *later.split()}
     assert [name for name in later.split() if name.startswith("armguard")] == []
 
 
