@@ -20,7 +20,7 @@ from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import BRAKE, FINISH, Effect, Held, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
@@ -198,8 +198,9 @@ class Judge:
             evaluated,
             reasons,
             complete=complete,
-            held=cause,
         )
+        if held:
+            verdict = verdict._replace(held=cause)
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
             verdict = verdict._replace(separation=separation)
@@ -236,7 +237,6 @@ class Judge:
         reasons: list[Reason],
         *,
         complete: bool,
-        held: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
@@ -264,7 +264,7 @@ class Judge:
                 None,
                 None,
                 stop,
-                held,
+                None,
             ),
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio
@@ -25,6 +25,23 @@ if TYPE_CHECKING:
     from armguard.pairs.hull_distance import HullDistance
 
 
+class ArmOptions(NamedTuple):
+    """What is asked of an arm that is watched."""
+
+    margin: float = 0.0
+    """Distance that counts as contact already, in [m]."""
+    reaction_time: float = 0.0
+    """From a STOP to braking torque, in [s]."""
+    base_placement: pinocchio.SE3 | None = None
+    """Of the robot's base in the world; None: at the origin."""
+    with_joints: bool = True
+    """Whether joint and braking bounds are used."""
+    with_plans: bool = False
+    """Whether plans are judged."""
+    by_distance: bool = False
+    """Whether pairs are ranked by distance over closing speed."""
+
+
 class WatchedArm:
     """Kinematics, motion models, hull distances and the tick's numbers of one arm.
 
@@ -32,12 +49,7 @@ class WatchedArm:
         robot: The arm.
         obstacles: The table.
         ignored: Pairs that are not watched.
-        margin: Distance that counts as contact already, [m].
-        reaction_time: From a STOP to braking torque, [s].
-        base_placement: Of the robot's base in the world; None: at the origin.
-        with_joints: Whether joint and braking bounds are used.
-        with_plans: Whether plans are judged.
-        by_distance: Whether pairs are ranked by distance over closing speed.
+        options: What is asked of it.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
 
@@ -51,13 +63,7 @@ class WatchedArm:
         robot: Robot,
         obstacles: Obstacles,
         ignored: IgnoredPairs,
-        margin: float,
-        reaction_time: float,
-        base_placement: pinocchio.SE3 | None,
-        *,
-        with_joints: bool,
-        with_plans: bool,
-        by_distance: bool,
+        options: ArmOptions,
         in_force: LimitsInForce | None = None,
         exemptions: Exemptions | None = None,
     ) -> None:
@@ -68,21 +74,22 @@ class WatchedArm:
         self.obstacles = obstacles
         self._ignored = ignored
         self._exemptions = exemptions
+        base_placement = options.base_placement
         self.kinematics = Kinematics(robot, base_placement)
         self.motion = ArmMotion(
             robot,
-            reaction_time,
+            options.reaction_time,
             base_placement,
-            with_joints=with_joints,
-            with_plans=with_plans,
+            with_joints=options.with_joints,
+            with_plans=options.with_plans,
             in_force=in_force,
         )
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
-            margin=margin,
-            by_distance=by_distance,
+            margin=options.margin,
+            by_distance=options.by_distance,
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
