@@ -15,7 +15,6 @@ import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple
 
 from armguard.clock import Clock
@@ -187,12 +186,7 @@ class IdleCollector:
         self._costs = [self._collect(2)] * 3
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         gc.unfreeze()
         if self._was_enabled:
             gc.enable()

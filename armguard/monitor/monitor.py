@@ -50,7 +50,6 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.exemptions import Exemption, Exemptions
 from armguard.pairs.ignored import IgnoredPairs
 from armguard.pairs.separation_rule import SeparationRule
-from armguard.robot.attachments import PreparedBody
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
@@ -65,6 +64,7 @@ if TYPE_CHECKING:
     from armguard.monitor.committed_pieces import CommittedPieces
     from armguard.monitor.explain import Explanation
     from armguard.monitor.headroom import Attention, Headroom
+    from armguard.robot.attachments import PreparedBody
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""

@@ -24,6 +24,8 @@ NOT_LOADED = (
     "armguard.cover.report",
     "armguard.cover.signed_distance",
     "armguard.robot.mjcf",
+    # tools and held parts
+    "armguard.robot.attachments",
     # motion="planned", and other arms
     "armguard.bounds.planned",
     "armguard.monitor.committed_pieces",
