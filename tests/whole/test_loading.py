@@ -58,6 +58,9 @@ NOT_LOADED = (
 HEAVY = ("dask", "matplotlib", "mcap", "meshcat", "mujoco", "tornado")
 """Libraries of others: the page's server, recordings, studies, bridges."""
 
+VIEW = ("armguard.app.view_feed", "armguard.robot.portable", "armguard.view.messages")
+"""What feeds a view, where there is one."""
+
 PLAIN_MONITOR = """
 import sys
 import armguard
@@ -108,6 +111,17 @@ def test_a_plain_monitor_loads_only_what_it_needs():
     assert find_unneeded(loaded) == []
     beside = ("armguard.app", "armguard.streams", "armguard.view", "armguard.people")
     assert [name for name in loaded if name.startswith(beside)] == []
+
+
+def test_a_cell_without_a_view_loads_no_feed():
+    told = subprocess.run(
+        [sys.executable, "-c", "import armguard.app.run, sys; print(*sorted(sys.modules))"],
+        capture_output=True,
+        text=True,
+    )
+    loaded = told.stdout.split()
+    assert "armguard.app.run" in loaded, told.stderr
+    assert not set(VIEW) & {*loaded}
 
 
 def test_a_running_cell_loads_nothing_after_its_first_tick(tmp_path):
