@@ -19,44 +19,54 @@ writes all that a monitor is told and all that it answers, for `armguard replay`
 
 from typing import TYPE_CHECKING
 
-from armguard import bounds, contact, people
-from armguard.bounds import Plan, stop_on_path
-from armguard.contact import Certificate, certificate
-from armguard.cover import Cover, CoverReport
+from armguard import bounds, contact
+from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
-from armguard.monitor import (
-    Attention,
-    Choice,
-    Explanation,
-    Headroom,
-    Monitor,
-    PairReport,
-    PlanVerdict,
-    Snapshot,
-    TrialTick,
-)
-from armguard.obstacles import Fault, Frame, Obstacles, Source
-from armguard.pairs import ArmObstacles, CloudFilter, SeparationRule
-from armguard.robot import OperatingLimits, Robot
-from armguard.verdict import Held, Level, Reason, ReasonKind, Verdict
+from armguard.lazy import lazy_names
+from armguard.monitor.monitor import Monitor
+from armguard.monitor.reports import PairReport, Snapshot
+from armguard.monitor.trial import Choice, TrialTick
+from armguard.obstacles.faults import Fault
+from armguard.obstacles.frames import Frame
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.sources import Source
+from armguard.pairs.separation_rule import SeparationRule
+from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.robot import Robot
+from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
+    from armguard import people
+    from armguard.bounds.planned.plan import Plan
+    from armguard.bounds.planned.stop import stop_on_path
+    from armguard.contact import certificate
+    from armguard.contact.earliest import Certificate
+    from armguard.cover.report import CoverReport
     from armguard.lab.choice import choose_settings
+    from armguard.monitor.explain import Explanation
+    from armguard.monitor.headroom import Attention, Headroom
+    from armguard.pairs.arm_obstacles import ArmObstacles
+    from armguard.pairs.cloud_filter import CloudFilter
     from armguard.recording.recorder import Recorder
 else:
-
-    def __getattr__(name):
-        """What only some need is loaded when it is first asked for."""
-        if name == "Recorder":
-            from armguard.recording.recorder import Recorder
-
-            return Recorder
-        if name == "choose_settings":
-            from armguard.lab.choice import choose_settings
-
-            return choose_settings
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "ArmObstacles": "armguard.pairs.arm_obstacles",
+            "Attention": "armguard.monitor.headroom",
+            "Certificate": "armguard.contact.earliest",
+            "CloudFilter": "armguard.pairs.cloud_filter",
+            "CoverReport": "armguard.cover.report",
+            "Explanation": "armguard.monitor.explain",
+            "Headroom": "armguard.monitor.headroom",
+            "Plan": "armguard.bounds.planned.plan",
+            "Recorder": "armguard.recording.recorder",
+            "certificate": "armguard.contact.certificate",
+            "choose_settings": "armguard.lab.choice",
+            "people": "armguard.people",
+            "stop_on_path": "armguard.bounds.planned.stop",
+        },
+    )
 
 __all__ = [
     "ArmObstacles",

@@ -7,9 +7,10 @@ Whatever is unknown counts as the worst case, which is STOP.
 from __future__ import annotations
 
 import enum
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from armguard.contact.earliest import Certificate
+if TYPE_CHECKING:
+    from armguard.contact.earliest import Certificate
 
 
 class Level(enum.IntEnum):

@@ -41,7 +41,7 @@ import time
 import numpy as np
 
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import WatchedArm
+from armguard.pairs.arm import ArmOptions, WatchedArm
 from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule, FullSchedule
@@ -144,10 +144,8 @@ class Trial:
         ignored = IgnoredPairs((), work.robot)
 
         def make_arm(robot: Robot) -> WatchedArm:
-            return WatchedArm(
-                robot, obstacles, ignored, 0.0, REACTION_TIME, None,
-                with_joints=True, with_plans=False, by_distance=False,
-            )  # fmt: skip
+            options = ArmOptions(reaction_time=REACTION_TIME)
+            return WatchedArm(robot, obstacles, ignored, options)
 
         self._arm = arm = make_arm(work.robot)
         pairs = count * len(arm.links)

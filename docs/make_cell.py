@@ -19,7 +19,7 @@ import msgspec
 from armguard.app.cell import schema
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.pairs import SeparationRule
+from armguard.pairs import CloudFilter, SeparationRule
 from armguard.streams import SourceLimits
 
 PAGE = Path(__file__).resolve().parent / "cell.md"
@@ -67,6 +67,7 @@ TYPES = {
 """What the types in the schema are called; other tables are called so by `name_type`."""
 
 CONFIGURED = {
+    "CloudsTable": (CloudFilter,),
     "SourceTable": (SourceLimits,),
     "BoundsTable": (Obstacles, Monitor),
     "MonitorTable": (Monitor,),

@@ -20,7 +20,7 @@ from armguard.jit.carried import CARRIED, PROCESSOR, describe_environment
 from armguard.jit.progress import compilation
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE, SCHEDULES
 
@@ -64,11 +64,11 @@ def run(*, carry: bool) -> int:
     if made.returncode:
         complain(f"the kernels were not compiled: exit code {made.returncode}")
         return 1
-    # What only kernels call is part of them; turns were for processes that compile here.
+    # What only kernels call is part of them; locks were for processes that compile here.
     for parts in list(CARRIED.glob("*/parts")):
         shutil.rmtree(parts)
-    for turn in list(CARRIED.rglob("*.turn")):
-        turn.unlink()
+    for lock in list(CARRIED.rglob("*.lock")):
+        lock.unlink()
     size = sum(path.stat().st_size for path in CARRIED.rglob("*.nb[ic]"))
     _tell(f"kernels for {PROCESSOR} in {CARRIED}: {size / 1e6:.1f} MB")
     return 0

@@ -14,7 +14,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,15 +22,18 @@ import armguard
 from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
-from armguard.app.realtime import IdleCollector, Realtime, request_realtime
+from armguard.app.realtime import (
+    IdleCollector,
+    Realtime,
+    release_compiler,
+    request_realtime,
+)
 from armguard.bounds.arm import PLANNED
-from armguard.bounds.planned.plan import Plan
 from armguard.clock import Clock, MonotonicClock
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
 from armguard.streams.edge import (
@@ -44,6 +47,10 @@ from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
 from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
+
+if TYPE_CHECKING:
+    from armguard.bounds.planned.plan import Plan
+    from armguard.pairs.arm_obstacles import ArmObstacles
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -363,6 +370,9 @@ def take_shared_plan(
 
 
 def _make_plan(request: PlanRequest) -> Plan:
+    # Loaded long before by what judges plans, or takes them of another arm.
+    from armguard.bounds.planned.plan import Plan
+
     return Plan(
         request.stamp,
         request.times,
@@ -485,6 +495,7 @@ def run(
         loop = RateLoop(
             monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
         )
+        release_compiler()
         with _ending_with_a_stop(publisher, clock, note):
             if not realtime:
                 report = loop.run(duration)

@@ -10,6 +10,7 @@ import time
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -22,7 +23,6 @@ from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.terminal import make_console, print_json
-from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError
 from armguard.jit import Progress, Work, telling
@@ -41,9 +41,10 @@ from armguard.streams.keys import Keys, write_new_pair
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import ResetVerdict, Verdict
 from armguard.view.listening import LOOPBACK
-from armguard.view.messages import StatusMessage
-from armguard.view.process import launch
-from armguard.view.publisher import FramePublisher
+
+if TYPE_CHECKING:
+    from armguard.app.view_feed import MonitorFeed
+    from armguard.view.publisher import FramePublisher
 
 REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor, and for its answer, in [s]."""
@@ -116,8 +117,11 @@ def supervise(
         for address in {*(one for one in inputs if one != "-"), verdicts_address}:
             check_address(address, has_keys=authenticator is not None)
             check_free(address)
-        publisher = None
+        publisher: FramePublisher | None = None
         if view_address is not None:
+            # What feeds a view is loaded where there is an address for one.
+            from armguard.view.publisher import FramePublisher
+
             publisher = resources.enter_context(FramePublisher(view_address, authenticator))
         # Its thread starts before real-time scheduling is asked for.
         announcer = resources.enter_context(Announcer(quiet=quiet))
@@ -164,6 +168,8 @@ def supervise(
                 f"{progress} (once; kept for the next start)" if progress.is_kept else f"{progress}"
             )
             if publisher is not None:
+                from armguard.view.messages import StatusMessage
+
                 publisher.publish_status(StatusMessage(text=text))
             if console.is_terminal:
                 waiting.update(text)
@@ -408,6 +414,9 @@ def show(
         host: Address of the interface on which the page is served; by token beyond loopback.
         key_files: Secret file of a client that may view, and the monitor's public file.
     """
+    # It brings a web server along, which no monitor needs.
+    from armguard.view.process import launch
+
     with (
         contextlib.suppress(KeyboardInterrupt),
         launch(address, port, floor=floor, host=host, key_files=key_files) as page,
@@ -451,6 +460,8 @@ class _Observer:
         """
         if self._publisher is None or self.monitor is None:
             return
+        from armguard.app.view_feed import MonitorFeed, Origin
+
         urdf, package_dirs = self._cell.urdf
         origin = Origin(
             urdf,

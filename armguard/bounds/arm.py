@@ -6,16 +6,20 @@ ticks that need it.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pinocchio
 
 from armguard.bounds.braking import BrakingMotion
 from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
-from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_sphere_levers
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from armguard.bounds.planned.motion import PlannedMotion
 
 PLANNED = "planned"
 """Bounds by joints, and a controller that tells what it is about to do."""
@@ -63,8 +67,10 @@ class ArmMotion:
         self.braking = BrakingMotion(
             robot, reaction_time, base_placement, lever=lever, operating=in_force
         )
-        self.planned = None
+        self.planned: PlannedMotion | None = None
         if with_plans:
+            from armguard.bounds.planned.motion import PlannedMotion
+
             self.planned = PlannedMotion(robot, base_placement, lever=lever, in_force=in_force)
         self.with_joints = with_joints
         self.table = self.joint.table

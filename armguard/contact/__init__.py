@@ -3,14 +3,31 @@
 The faces take arrays; kernels for balls and hulls stand in `advancement` and `hull_advancement`.
 """
 
-from armguard.contact.certificate import verify
-from armguard.contact.earliest import (
-    Certificate,
-    certify,
-    earliest_contact,
-    earliest_contact_hull,
-    earliest_contact_pair,
-)
+from typing import TYPE_CHECKING
+
+from armguard.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from armguard.contact.certificate import verify
+    from armguard.contact.earliest import (
+        Certificate,
+        certify,
+        earliest_contact,
+        earliest_contact_hull,
+        earliest_contact_pair,
+    )
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "Certificate": "armguard.contact.earliest",
+            "certify": "armguard.contact.earliest",
+            "earliest_contact": "armguard.contact.earliest",
+            "earliest_contact_hull": "armguard.contact.earliest",
+            "earliest_contact_pair": "armguard.contact.earliest",
+            "verify": "armguard.contact.certificate",
+        },
+    )
 
 __all__ = [
     "Certificate",

@@ -3,8 +3,21 @@
 Fitting, the proof, reports, growing of spheres that are none yet, and other programs' files.
 """
 
+from typing import TYPE_CHECKING
+
 from armguard.cover.cover import Cover
-from armguard.cover.report import CoverReport, LinkReport
+from armguard.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from armguard.cover.report import CoverReport, LinkReport
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "CoverReport": "armguard.cover.report",
+            "LinkReport": "armguard.cover.report",
+        },
+    )
 
 __all__ = [
     "Cover",

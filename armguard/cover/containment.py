@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from armguard.cover.fitting import cut_pieces
 from armguard.cover.patches import ON_SURFACE, bisect_pieces, compute_hull_points
-from armguard.cover.sphere_tree import MARGIN, SphereTree
+from armguard.cover.sphere_tree import MARGIN, SphereTree, compute_parents
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import TERM_ROUNDING
@@ -125,8 +125,3 @@ def _compare(points, less, centers, radii, inside):
                 z = points[i, k, 2] - centers[node, 2]
                 reach = math.sqrt(x * x + y * y + z * z) + less[i]
                 inside[i, k, node] = reach <= radii[node]
-
-
-def compute_parents(tree: SphereTree) -> NDArray[np.int64]:
-    """Index of each node's parent, the root's own for the root."""
-    return np.concatenate([[0], np.repeat(np.arange(len(tree.spheres)), tree.child_count)])

@@ -11,20 +11,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.cover.containment import compute_parents, is_contained, tighten
-from armguard.cover.fitting import fit_tree
 from armguard.cover.patches import compute_corners
-from armguard.cover.report import CoverReport, report_link
-from armguard.cover.sphere_tree import GRID, SphereTree
+from armguard.cover.sphere_tree import GRID, SphereTree, compute_parents
 from armguard.exceptions import CoverError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kept_results import keep_results
+
+if TYPE_CHECKING:
+    from armguard.cover.report import CoverReport
 
 CoverTree = SphereTree
 
@@ -201,6 +201,9 @@ class Cover:
                 f"is for links {', '.join(self.links)}",
                 expected=", ".join(robot.links),
             )
+        # A cover that was made before is loaded by its digest, without a proof.
+        from armguard.cover.report import CoverReport, report_link
+
         return CoverReport(
             {link: report_link(self.tree(link), get_surface(robot, link)) for link in robot.links}
         )
@@ -319,6 +322,10 @@ def _fit_proved(
 
     What is held again and again is fitted once.
     """
+    # Only what makes covers needs these.
+    from armguard.cover.containment import is_contained, tighten
+    from armguard.cover.fitting import fit_tree
+
     tree = fit_tree(surface, spheres=spheres, protrusion=protrusion)
     return tighten(surface, tree) if is_contained(surface, tree) else None
 

@@ -91,3 +91,8 @@ def _widen(node: Node) -> list[Node]:
         largest = max(inner, key=lambda i: children[i].sphere[3])
         children[largest : largest + 1] = children[largest].children
     return children
+
+
+def compute_parents(tree: SphereTree) -> IntArray:
+    """Index of each node's parent, the root's own for the root."""
+    return np.concatenate([[0], np.repeat(np.arange(len(tree.spheres)), tree.child_count)])

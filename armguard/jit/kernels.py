@@ -28,8 +28,8 @@ from numba.core import event as numba_event
 
 from armguard.jit.carried import find_target, open_carried
 from armguard.jit.collection import CollectionPause
+from armguard.jit.compile_lock import hold_compile_lock
 from armguard.jit.parts import EntryCompiler, PartCompiler, PartContext, link_by_symbol
-from armguard.jit.turns import take_turn
 
 # Numba's functions are untyped: they are called as anything is.
 caching: Any = numba_caching
@@ -301,15 +301,15 @@ def _make_dispatcher(function: Any, cache: Any, compiler: Any, options: dict[str
     compiled._cache = cache
     compile_at_once = compiled.compile
 
-    def compile_in_turn(kinds: Any) -> Any:
+    def compile_alone(kinds: Any) -> Any:
         if isinstance(kinds, tuple) and kinds in compiled.overloads:
             return compiled.overloads[kinds].entry_point
-        # Numba's lock first: then no thread waits for a turn that another one has.
-        with compiler_lock.global_compiler_lock, take_turn(turn):
+        # Numba's lock first: then no thread waits for a file that another one has locked.
+        with compiler_lock.global_compiler_lock, hold_compile_lock(lock):
             return compile_at_once(kinds)
 
-    turn = Path(cache.cache_path) / f"{function.__name__}-{function.__code__.co_firstlineno}.turn"
-    compiled.compile = compile_in_turn
+    lock = Path(cache.cache_path) / f"{function.__name__}-{function.__code__.co_firstlineno}.lock"
+    compiled.compile = compile_alone
     return compiled
 
 

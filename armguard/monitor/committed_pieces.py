@@ -44,7 +44,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
-from armguard.monitor.plan_verdict import find_course_contact, refuse_plan
+from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.settings import MonitorSettings
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
 from armguard.obstacles.table import States, make_states
@@ -452,18 +452,17 @@ class CommittedPieces:
             # It rests, and a resting arm touches nothing.
             return None
         (pairs,) = scheduler.watched_pairs().nonzero()
-        found = find_course_contact(
-            scheduler, self._planned_motion(), course, pairs, tick, self._margin
+        state = scheduler.arm.state
+        found = self._planned_motion().contact_time(
+            course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks
         )
         self.evaluated += found.evaluated
         if found.time == math.inf:
             return None
-        reason = Reason(
-            ReasonKind.PLAN_UNSAFE,
-            f"{found.link} and {found.obstacle}",
-            f"contact possible in {found.time:.4g} s",
-        )
-        return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
+        link, obstacle = (None, None) if found.pair < 0 else scheduler.arm.names(found.pair)
+        detail = f"contact possible in {found.time:.4g} s"
+        reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
+        return PlanVerdict(False, found.time, link, obstacle, (reason,))
 
     def _remember(self) -> int:
         """Keep what is known of obstacles now where nothing is kept for another piece."""

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armguard.contact.earliest import Certificate
-from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
 from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import STEP, StopDecision
-from armguard.pairs.proof import compile_proof
 from armguard.pairs.scene import BOUND_NAMES
-from armguard.pairs.separation_margin import SeparationMargin, SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import BRAKE, FINISH, Effect, Held, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
+
+if TYPE_CHECKING:
+    from armguard.contact.earliest import Certificate
+    from armguard.monitor.committed_pieces import CommittedPieces
+    from armguard.pairs.separation_margin import SeparationMargin
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
@@ -76,11 +78,16 @@ class Judge:
         if settings.with_joints:
             self._stopping = StopDecision(scheduler, settings.response_time, settings.reaction_time)
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
-        self.pieces = None
+        # What only some monitors do is loaded for these.
+        self.pieces: CommittedPieces | None = None
         if scheduler.arm.motion.planned is not None:
+            from armguard.monitor.committed_pieces import CommittedPieces
+
             self.pieces = CommittedPieces(robot, scheduler, settings)
-        self._separation = None
+        self._separation: SeparationMargin | None = None
         if separation is not None:
+            from armguard.pairs.separation_margin import SeparationMargin
+
             self._separation = SeparationMargin(separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
         self._late_data = LateData(
@@ -191,8 +198,9 @@ class Judge:
             evaluated,
             reasons,
             complete=complete,
-            held=cause,
         )
+        if held:
+            verdict = verdict._replace(held=cause)
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
             verdict = verdict._replace(separation=separation)
@@ -229,7 +237,6 @@ class Judge:
         reasons: list[Reason],
         *,
         complete: bool,
-        held: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
@@ -257,7 +264,7 @@ class Judge:
                 None,
                 None,
                 stop,
-                held,
+                None,
             ),
         )
 
@@ -379,4 +386,6 @@ class Judge:
         if self._separation is not None:
             self._separation.compile(self._scheduler.arm.state)
         if self._certify:
+            from armguard.pairs.proof import compile_proof
+
             compile_proof()

@@ -13,19 +13,14 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Never
+from typing import TYPE_CHECKING, Any, Never
 
 import pinocchio
 from numpy.typing import ArrayLike
 
 from armguard.bounds.operating_history import UNKEPT, OperatingHistory
-from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
-from armguard.monitor.committed_pieces import CommittedPieces
-from armguard.monitor.entrances import check_entrances
-from armguard.monitor.explain import Explanation
-from armguard.monitor.headroom import Attention, Headroom
 from armguard.monitor.joint_reasons import (
     describe_refusal,
     describe_runaway,
@@ -54,8 +49,7 @@ from armguard.monitor.trial import Choice, TrialTick
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.exemptions import Exemption, Exemptions
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.separation_margin import SeparationRule
-from armguard.robot.attachments import PreparedBody
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
@@ -64,6 +58,13 @@ from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
+
+if TYPE_CHECKING:
+    from armguard.bounds.planned.plan import CheckedPlan, Plan
+    from armguard.monitor.committed_pieces import CommittedPieces
+    from armguard.monitor.explain import Explanation
+    from armguard.monitor.headroom import Attention, Headroom
+    from armguard.robot.attachments import PreparedBody
 
 NEVER = -sys.float_info.max
 """Time of the last tick before the first one, in [s]."""
@@ -221,7 +222,10 @@ class Monitor:
             self._operating,
             self._exemptions,
         )
-        check_entrances(self._scheduler.arm)
+        if len(obstacles.entrance_rows):
+            from armguard.monitor.entrances import check_entrances
+
+            check_entrances(self._scheduler.arm)
         self._judge = Judge(
             robot,
             self._scheduler,

@@ -1,14 +1,15 @@
 """What can be asked of a monitor between ticks: pairs, reasons, and what lies ahead.
 
 Nothing here is part of a tick, and nothing here changes what the next one says. Each answer is
-about the tick that is handed over, the last one whose joint state was believed.
+about the tick that is handed over, the last one whose joint state was believed. What works out
+an explanation or looks ahead is loaded by the first question of its kind: most monitors, and every
+running cell, are asked none.
 """
 
 from __future__ import annotations
 
-from armguard.monitor.avoidable import list_remedies
-from armguard.monitor.explain import Explanation, explain_pair
-from armguard.monitor.headroom import Attention, Headroom, predict_headroom, rank_attention
+from typing import TYPE_CHECKING
+
 from armguard.monitor.reports import PairReport, Snapshot, report_pair, take_snapshot
 from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
@@ -16,6 +17,10 @@ from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
+
+if TYPE_CHECKING:
+    from armguard.monitor.explain import Explanation
+    from armguard.monitor.headroom import Attention, Headroom
 
 
 class Queries:
@@ -69,6 +74,9 @@ class Queries:
             pair: Row × links + link.
             by_braking: Whether it was a STOP, and for nothing but what the brakes can do.
         """
+        from armguard.monitor.avoidable import list_remedies
+        from armguard.monitor.explain import explain_pair
+
         row = pair // len(self._scheduler.arm.links)
         if row in self._obstacles.membership_changes():
             return None
@@ -90,12 +98,16 @@ class Queries:
 
     def headroom(self, tick: Tick | None) -> Headroom:
         """What evaluations cost now; nothing is watched before the first tick."""
+        from armguard.monitor.headroom import predict_headroom
+
         watched = len(self._obstacles) if tick is not None else 0
         expected = self._scheduler.expect_evaluations()
         return predict_headroom(watched, expected, self._settings.period, self._settings.budget)
 
     def attention(self, tick: Tick | None, limit: int) -> list[Attention]:
         """The obstacles whose fresh states would help most; none before the first tick."""
+        from armguard.monitor.headroom import rank_attention
+
         limit = read_limit("limit", limit)
         if tick is None:
             return []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.obstacles.possible_states import list_states
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.scheduling.scheduler import Listing
+
+if TYPE_CHECKING:
+    from armguard.pairs.hull_distance import HullDistance
 
 BUCKETS = 16
 """Grades of imminence: bucket k holds contact times of 2^k to 2^(k+1) periods."""

@@ -13,15 +13,14 @@ from armguard.bounds.arm import MOTIONS, PLANNED
 from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.arm import WatchedArm
+from armguard.pairs.arm import ArmOptions, WatchedArm
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
-from armguard.scheduling.deadline import DeadlineScheduler
-from armguard.scheduling.pair_scheduler import PairScheduler
+from armguard.scheduling.deadline import UNLIMITED, DeadlineScheduler, Pace
 from armguard.scheduling.schedule import DEADLINE, Schedule, make_schedule
 from armguard.scheduling.scheduler import Scheduler
 
@@ -242,32 +241,28 @@ def make_scheduler(
     """
     schedule = settings.schedule
 
+    options = ArmOptions(
+        settings.margin,
+        settings.reaction_time,
+        settings.base_placement,
+        with_joints=settings.with_joints,
+        with_plans=settings.motion == PLANNED,
+        by_distance=schedule is not None and schedule.measure == "distance",
+    )
+
     def make_arm(laid_out: Robot) -> WatchedArm:
-        return WatchedArm(
-            laid_out,
-            obstacles,
-            ignored,
-            settings.margin,
-            settings.reaction_time,
-            settings.base_placement,
-            with_joints=settings.with_joints,
-            with_plans=settings.motion == PLANNED,
-            by_distance=schedule is not None and schedule.measure == "distance",
-            in_force=in_force,
-            exemptions=exemptions,
-        )
+        return WatchedArm(laid_out, obstacles, ignored, options, in_force, exemptions)
 
     if schedule is not None:
+        # Only schedules of pairs need it, and what it checks exactly.
+        from armguard.scheduling.pair_scheduler import PairScheduler
+
         return PairScheduler(robot, obstacles, schedule, make_arm, states, operating)
-    return DeadlineScheduler(
-        robot,
-        obstacles,
-        make_arm,
-        states,
+    pace = Pace(
         settings.response_time + settings.reaction_time,
         settings.max_staleness,
         settings.aware_margin,
         settings.period,
-        settings.budget,
-        operating,
+        UNLIMITED if settings.budget is None else settings.budget,
     )
+    return DeadlineScheduler(robot, obstacles, make_arm, states, pace, operating)

@@ -3,10 +3,24 @@
 Beside them what of a camera's points is the arm, and another arm as obstacles of this one.
 """
 
-from armguard.pairs.arm_obstacles import ArmObstacles
-from armguard.pairs.cloud_filter import CloudFilter
-from armguard.pairs.separation import compute_separation
-from armguard.pairs.separation_margin import SeparationRule
+from typing import TYPE_CHECKING
+
+from armguard.lazy import lazy_names
+from armguard.pairs.separation_rule import SeparationRule
+
+if TYPE_CHECKING:
+    from armguard.pairs.arm_obstacles import ArmObstacles
+    from armguard.pairs.cloud_filter import CloudFilter
+    from armguard.pairs.separation import compute_separation
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "ArmObstacles": "armguard.pairs.arm_obstacles",
+            "CloudFilter": "armguard.pairs.cloud_filter",
+            "compute_separation": "armguard.pairs.separation",
+        },
+    )
 
 __all__ = [
     "ArmObstacles",

@@ -3,24 +3,43 @@
 from __future__ import annotations
 
 import copy
-from typing import Any
+import functools
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
-from armguard.contact.earliest import Certificate
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
-from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.proof import prove_pair
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from armguard.contact.earliest import Certificate
+    from armguard.pairs.hull_distance import HullDistance
+
+
+class ArmOptions(NamedTuple):
+    """What is asked of an arm that is watched."""
+
+    margin: float = 0.0
+    """Distance that counts as contact already, in [m]."""
+    reaction_time: float = 0.0
+    """From a STOP to braking torque, in [s]."""
+    base_placement: pinocchio.SE3 | None = None
+    """Of the robot's base in the world; None: at the origin."""
+    with_joints: bool = True
+    """Whether joint and braking bounds are used."""
+    with_plans: bool = False
+    """Whether plans are judged."""
+    by_distance: bool = False
+    """Whether pairs are ranked by distance over closing speed."""
 
 
 class WatchedArm:
@@ -30,12 +49,7 @@ class WatchedArm:
         robot: The arm.
         obstacles: The table.
         ignored: Pairs that are not watched.
-        margin: Distance that counts as contact already, [m].
-        reaction_time: From a STOP to braking torque, [s].
-        base_placement: Of the robot's base in the world; None: at the origin.
-        with_joints: Whether joint and braking bounds are used.
-        with_plans: Whether plans are judged.
-        by_distance: Whether pairs are ranked by distance over closing speed.
+        options: What is asked of it.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
 
@@ -49,13 +63,7 @@ class WatchedArm:
         robot: Robot,
         obstacles: Obstacles,
         ignored: IgnoredPairs,
-        margin: float,
-        reaction_time: float,
-        base_placement: pinocchio.SE3 | None,
-        *,
-        with_joints: bool,
-        with_plans: bool,
-        by_distance: bool,
+        options: ArmOptions,
         in_force: LimitsInForce | None = None,
         exemptions: Exemptions | None = None,
     ) -> None:
@@ -66,25 +74,32 @@ class WatchedArm:
         self.obstacles = obstacles
         self._ignored = ignored
         self._exemptions = exemptions
+        base_placement = options.base_placement
         self.kinematics = Kinematics(robot, base_placement)
         self.motion = ArmMotion(
             robot,
-            reaction_time,
+            options.reaction_time,
             base_placement,
-            with_joints=with_joints,
-            with_plans=with_plans,
+            with_joints=options.with_joints,
+            with_plans=options.with_plans,
             in_force=in_force,
         )
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
-            margin=margin,
-            by_distance=by_distance,
+            margin=options.margin,
+            by_distance=options.by_distance,
         )
-        self.hull_distance = HullDistance(robot, self.kinematics)
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
+
+    @functools.cached_property
+    def hull_distance(self) -> HullDistance:
+        """Distances of its links' true geometry; made for those who ask for closest points."""
+        from armguard.pairs.hull_distance import HullDistance
+
+        return HullDistance(self._robot, self.kinematics)
 
     def fits(self, robot: Robot) -> bool:
         """Whether it was laid out for all links that a robot has now, in order, and as they are."""
@@ -127,6 +142,8 @@ class WatchedArm:
 
     def prove(self, pair: int, sphere: int) -> tuple[Certificate, dict[str, Any]] | None:
         """A certificate of one pair in this tick and what it is about; see `prove_pair`."""
+        from armguard.pairs.proof import prove_pair
+
         return prove_pair(self.state, sphere, pair // len(self.links))
 
 

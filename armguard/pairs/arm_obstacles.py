@@ -79,7 +79,7 @@ from armguard.pairs.shared_plan import SharedPlan, read_shared_plan
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits, read_operating
 from armguard.robot.robot import Robot
-from armguard.robot.turns import find_continuous
+from armguard.robot.wrap_angle import find_continuous
 
 LEVEL = 1
 """Of the cover, as far as it is used: some four balls a link."""

@@ -39,7 +39,7 @@ from armguard.bounds.planned.plan import Refusal, read_plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import ACCEPTANCE_SLACK, SUM_ROUNDING
-from armguard.robot.turns import unwrap
+from armguard.robot.wrap_angle import unwrap
 
 STOPPING_TIME = 0.2
 """About as long as arms take to stop, in [s]: what is narrow within that time averts most stops."""

@@ -11,20 +11,21 @@ other people work. docs/people.md says how, and what was found.
 
 from typing import TYPE_CHECKING
 
+from armguard.lazy import lazy_names
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
 
 if TYPE_CHECKING:
     from armguard.lab.people import BoundReport, Motion, check_bounds, measure_motion
 else:
-
-    def __getattr__(name):
-        """What measures recordings is loaded when it is first asked for."""
-        if name not in ("BoundReport", "Motion", "check_bounds", "measure_motion"):
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from armguard.lab import people
-
-        return getattr(people, name)
-
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "BoundReport": "armguard.lab.people",
+            "Motion": "armguard.lab.people",
+            "check_bounds": "armguard.lab.people",
+            "measure_motion": "armguard.lab.people",
+        },
+    )
 
 __all__ = [
     "BOUNDS",

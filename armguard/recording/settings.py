@@ -16,7 +16,7 @@ from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.scene import ADVANCES
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.robot.robot import Robot

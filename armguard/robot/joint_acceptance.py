@@ -23,7 +23,7 @@ from armguard.robot.joint_history import (
     passes_history,
 )
 from armguard.robot.stop_time import ALL_COVERED, compute_stop_time, find_uncovered
-from armguard.robot.turns import nearest_turn
+from armguard.robot.wrap_angle import nearest_turn
 
 NO_JOINT = -1
 """In place of a joint's index, where every joint is as it should be."""

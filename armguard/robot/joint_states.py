@@ -25,7 +25,7 @@ from armguard.robot.joint_history import make_history
 from armguard.robot.operating_limits import LimitsInForce, put_in_force
 from armguard.robot.robot import Robot
 from armguard.robot.stop_time import compute_stop_time
-from armguard.robot.turns import find_continuous
+from armguard.robot.wrap_angle import find_continuous
 
 FLOAT = np.dtype(np.float64)
 

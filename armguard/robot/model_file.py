@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from armguard.robot.mjcf import ROOT, read_mjcf
 from armguard.robot.urdf import UrdfModel, read_urdf
 
 
@@ -29,6 +28,9 @@ def read_model(
         RobotError: As `read_urdf` or `read_mjcf` does.
     """
     if is_mjcf(path):
+        # Few robots are described by one.
+        from armguard.robot.mjcf import read_mjcf
+
         return read_mjcf(path, drawn)
     return read_urdf(path, package_dirs, freed, drawn)
 
@@ -38,5 +40,5 @@ def is_mjcf(path: str | Path) -> bool:
     unreadable = (OSError, ElementTree.ParseError, LookupError, ValueError)
     with contextlib.suppress(*unreadable), Path(path).open("rb") as file:
         for _, element in ElementTree.iterparse(file, events=("start",)):
-            return element.tag == ROOT
+            return element.tag == "mujoco"
     return False

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio
@@ -24,7 +24,6 @@ from armguard.cover.cover import Cover
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.progress import following
-from armguard.robot.attachments import AttachedBody, PreparedBody
 from armguard.robot.brakes import Brakes
 from armguard.robot.description import (
     COVER,
@@ -40,6 +39,9 @@ from armguard.robot.joints import check_bare_links, check_joints, reduce_model
 from armguard.robot.links import collect_fixed_points, collect_surfaces
 from armguard.robot.model_file import read_model
 from armguard.robot.urdf import UrdfModel
+
+if TYPE_CHECKING:
+    from armguard.robot.attachments import PreparedBody
 
 SPHERES = 12
 """At most so many for an attached body: fitting must be quick more than tight."""
@@ -349,6 +351,9 @@ class Robot:
             RobotError: As for `attach`.
             CoverError: As for `attach`.
         """
+        # Few arms are given a tool or a part.
+        from armguard.robot.attachments import AttachedBody, PreparedBody
+
         self._check_link(link)
         body = AttachedBody(name, geometry, placement)
         self._check_new(name)

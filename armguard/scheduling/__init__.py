@@ -4,10 +4,23 @@
 follow `Schedule`, and those of the paper stand in `paper`.
 """
 
-from armguard.scheduling.paper.arguments import Measure
-from armguard.scheduling.paper.daa import DaaSchedule
-from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+from typing import TYPE_CHECKING
+
+from armguard.lazy import lazy_names
 from armguard.scheduling.schedule import DEADLINE, SCHEDULES, Schedule, make_schedule
+
+if TYPE_CHECKING:
+    from armguard.scheduling.paper.daa import DaaSchedule
+    from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+else:
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "DaaSchedule": "armguard.scheduling.paper.daa",
+            "DistanceSchedule": "armguard.scheduling.paper.full",
+            "FullSchedule": "armguard.scheduling.paper.full",
+        },
+    )
 
 __all__ = [
     "DEADLINE",
@@ -15,7 +28,6 @@ __all__ = [
     "DaaSchedule",
     "DistanceSchedule",
     "FullSchedule",
-    "Measure",
     "Schedule",
     "make_schedule",
 ]

@@ -67,6 +67,22 @@ UNLIMITED = 2**62
 """A budget that nothing exceeds."""
 
 
+class Pace(NamedTuple):
+    """By what obstacles are due."""
+
+    braking_delay: float
+    """From a tick until its STOP brakes: period, latency and reaction time, in [s]."""
+    max_staleness: float
+    """How stale an answer may look, as a fraction of itself."""
+    aware_margin: float
+    """Beyond the stopping time, in [s]: what could be touched within is refined."""
+    period: float
+    """Of ticks, in [s]."""
+    budget: int = UNLIMITED
+    """Evaluations in a tick after which nothing further is begun, and those of a question by the
+    stop decision."""
+
+
 class _Desk(NamedTuple):
     """What ticks work on and run for one arm; to make it takes a millisecond."""
 
@@ -99,12 +115,7 @@ class DeadlineScheduler:
         obstacles: The table; this scheduler is the one that follows its rows from now on.
         make_arm: Lays out an arm as it is.
         states: Where joint positions and velocities of each tick stand.
-        braking_delay: From a tick until its STOP brakes: period, latency and reaction time, in [s].
-        max_staleness: How stale an answer may look, as a fraction of itself.
-        aware_margin: Beyond the stopping time, in [s]: what could be touched within is refined.
-        period: Of ticks, in [s].
-        budget: Evaluations in a tick after which nothing further is begun, and those of a question
-            by the stop decision; None: no limit.
+        pace: By what obstacles are due.
         operating: What tests joint states against operating limits; None: there are none.
     """
 
@@ -114,11 +125,7 @@ class DeadlineScheduler:
         obstacles: Obstacles,
         make_arm: Callable[[Robot], WatchedArm],
         states: JointStates,
-        braking_delay: float,
-        max_staleness: float,
-        aware_margin: float,
-        period: float,
-        budget: int | None,
+        pace: Pace,
         operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
@@ -128,9 +135,7 @@ class DeadlineScheduler:
         """Of arms that are laid out ahead."""
         self._states = states
         self._record = make_empty_record() if operating is None else operating.record
-        self._max_staleness, self._period = max_staleness, period
-        self._budget = UNLIMITED if budget is None else budget
-        self._pace = braking_delay, max_staleness, aware_margin, period, self._budget
+        self._pace = pace
         self._candidates = np.zeros(0, dtype=np.int64)
         self._placed = -2
         self._changes = -1
@@ -286,7 +291,8 @@ class DeadlineScheduler:
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs as imminent as all obstacles are now."""
-        certificates, max_staleness, period = self.certificates, self._max_staleness, self._period
+        certificates = self.certificates
+        _, max_staleness, _, period, _ = self._pace
         rows = np.flatnonzero(certificates.watched.any(axis=1))
         evaluated_at = certificates.evaluated_at[rows]
         known = np.isfinite(evaluated_at)
@@ -350,7 +356,7 @@ class DeadlineScheduler:
             is_paced,
             since,
             self._last_offender,
-            self._budget,
+            self._pace.budget,
         )
         row, link, spent, left = self._find_unsafe(
             self._tick_data, _moment_of(tick), question, self._candidates

@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import IntArray
 from armguard.scheduling.paper.arguments import Measure
-from armguard.scheduling.paper.daa import DaaSchedule
-from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 
 DEADLINE = "deadline"
 """The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""
@@ -89,10 +87,12 @@ def make_schedule(name: str | Schedule, period: float) -> Schedule:
     """
     if not isinstance(name, str) and isinstance(name, Schedule):
         return name
-    if name == "full":
-        return FullSchedule()
-    if name == "distance":
-        return DistanceSchedule()
+    if name not in SCHEDULES:
+        raise ArmguardError("schedule", f"is {name!r}", expected=", ".join((DEADLINE, *SCHEDULES)))
+    # The monitor's own schedule needs none of them.
+    from armguard.scheduling.paper.daa import DaaSchedule
+    from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+
     if name == "daa":
         return DaaSchedule(period)
-    raise ArmguardError("schedule", f"is {name!r}", expected=", ".join((DEADLINE, *SCHEDULES)))
+    return FullSchedule() if name == "full" else DistanceSchedule()

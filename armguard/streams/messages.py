@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.contact.earliest import Certificate
 from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 _CLOSER_LOOK = 65536
@@ -669,6 +668,9 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdic
             fields["separation"] = _read_number(message.separation, is_json)
         proof = message.certificate
         if proof is not None:
+            # For readers of a monitor that certifies, which few do.
+            from armguard.contact.earliest import Certificate
+
             contact_time = _read_number(proof.contact_time, is_json)
             times = np.array([_read_number(time, is_json) for time in proof.times])
             witnesses = np.array(proof.witnesses, float).reshape(-1, 3)

@@ -6,8 +6,6 @@ so a view that hangs costs neither time nor memory, and finds the present when i
 
 from __future__ import annotations
 
-from types import TracebackType
-
 import zmq
 
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
@@ -108,12 +106,7 @@ class FramePublisher:
     def __enter__(self) -> FramePublisher:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _free(self) -> None:

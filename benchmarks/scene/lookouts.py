@@ -13,7 +13,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
-from armguard.scheduling.deadline import DeadlineScheduler
+from armguard.scheduling.deadline import DeadlineScheduler, Pace
 from armguard.scheduling.scheduler import Tick
 from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
@@ -133,11 +133,7 @@ class Deadline:
             obstacles,
             make_arm,
             self._states,
-            HORIZON,
-            MAX_STALENESS,
-            AWARE_MARGIN,
-            1.0 / RATE,
-            None,
+            Pace(HORIZON, MAX_STALENESS, AWARE_MARGIN, 1.0 / RATE),
         )
 
     def step(self, tick: Tick) -> int:

@@ -35,9 +35,9 @@ class Child:
         for name in (
             "kernel.nbi",
             "kernel.1.nbc",
-            "kernel.turn",
+            "kernel.lock",
             "parts/part.nbi",
-            "parts/part.turn",
+            "parts/part.lock",
         ):
             (self.folder / "kernels-a" / name).write_bytes(500_000 * b" ")
         return subprocess.CompletedProcess(arguments, self.code)

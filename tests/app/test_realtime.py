@@ -200,6 +200,44 @@ def test_other_systems_say_so(monkeypatch):
         assert len(granted.refusals) == 1
 
 
+COMPILER = """
+import re
+from pathlib import Path
+
+import armguard
+from armguard.app.realtime import release_compiler
+from armguard.jit import kernel
+
+def measure():
+    maps = Path("/proc/self/smaps").read_text()
+    sizes = re.findall(r" r-xp .*libllvmlite.*\\n(?:\\w+: .*\\n)*?Rss: +(\\d+) kB", maps)
+    return sum(map(int, sizes))
+
+obstacles = armguard.Obstacles()  # which loads kernels, or compiles them
+before = measure()
+release_compiler()
+print(before, measure())
+obstacles.update(["hand"], 1.0, [[2.0, 0.0, 0.6]], radius=0.1)
+
+@kernel
+def double(x):
+    return 2.0 * x
+
+assert double(3.0) == 6.0
+"""
+
+
+@linux
+def test_the_compiler_takes_no_memory_and_is_there_where_it_is_called_again(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(COMPILER)
+    told = subprocess.run([sys.executable, program], capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    before, after = map(int, told.stdout.split())
+    assert before > 10_000
+    assert after < 0.1 * before
+
+
 @pytest.mark.parametrize("priority", [-1, 0, MAXIMUM_PRIORITY + 1, 99])
 def test_priorities_are_modest(priority):
     with pytest.raises(ArmguardError), request_realtime(priority):

@@ -1,9 +1,8 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armguard.cover.containment import STEP, compute_parents, is_contained, tighten
+from armguard.cover.containment import STEP, is_contained, tighten
 from armguard.cover.fitting import fit_tree
 from armguard.cover.sphere_tree import GRID, MARGIN, SphereTree
 
@@ -97,16 +96,3 @@ def test_a_proof_that_gives_up_is_none():
         assert proved[-1] == covers
         assert proved == sorted(proved)
         assert not any(proved[:3])
-
-
-@pytest.mark.parametrize(
-    ("first_child", "child_count", "parents"),
-    [
-        ([0], [0], [0]),
-        ([1, 0, 0], [2, 0, 0], [0, 0, 0]),
-        ([1, 3, 5, 0, 0, 0], [2, 2, 1, 0, 0, 0], [0, 0, 0, 1, 1, 2]),
-    ],
-)
-def test_parents(first_child, child_count, parents):
-    spheres = np.ones((len(parents), 4))
-    np.testing.assert_array_equal(compute_parents(tree(spheres, first_child, child_count)), parents)

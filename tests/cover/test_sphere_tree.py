@@ -1,8 +1,16 @@
 import numpy as np
 import pytest
 
-from armguard.cover.containment import compute_parents
-from armguard.cover.sphere_tree import GRID, MARGIN, MOST_CHILDREN, Node, build_tree, enclose
+from armguard.cover.sphere_tree import (
+    GRID,
+    MARGIN,
+    MOST_CHILDREN,
+    Node,
+    SphereTree,
+    build_tree,
+    compute_parents,
+    enclose,
+)
 
 
 def make_leaves(count, seed=0):
@@ -49,3 +57,16 @@ def test_balls_are_on_the_grid_and_only_just_large_enough():
     np.testing.assert_allclose(ball / GRID, np.round(ball / GRID), atol=1e-6)
     reach = np.linalg.norm(points - ball[:3], axis=1).max()
     assert reach + MARGIN <= ball[3] <= reach + MARGIN + 2 * GRID
+
+
+@pytest.mark.parametrize(
+    ("first_child", "child_count", "parents"),
+    [
+        ([0], [0], [0]),
+        ([1, 0, 0], [2, 0, 0], [0, 0, 0]),
+        ([1, 3, 5, 0, 0, 0], [2, 2, 1, 0, 0, 0], [0, 0, 0, 1, 1, 2]),
+    ],
+)
+def test_parents(first_child, child_count, parents):
+    tree = SphereTree(np.ones((len(parents), 4)), np.array(first_child), np.array(child_count))
+    np.testing.assert_array_equal(compute_parents(tree), parents)

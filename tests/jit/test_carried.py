@@ -40,7 +40,7 @@ def run(program, before="", **changes):
 
 def test_what_is_carried_is_not_compiled(program):
     assert run(program) == ["3.0", "1"]
-    assert not [path for path in program.kept() if path.suffix != ".turn"]
+    assert not [path for path in program.kept() if path.suffix != ".lock"]
 
 
 def test_it_is_used_where_nothing_can_be_written(program):

@@ -177,7 +177,7 @@ def test_without_obstacles_what_is_usual_stays():
 def test_a_robot_is_as_before_where_no_monitor_can_be_made(monkeypatch):
     robot = make_robot()
     cover = robot.cover
-    monkeypatch.setattr("armguard.lab.choice.choose_settings", lambda *some, **more: chosen)
+    monkeypatch.setattr("armguard.choose_settings", lambda *some, **more: chosen)
     chosen = Choice({"budget": -1}, 0, 1, 1.0, 0.0, 1.0, 1, 1.0, True, (), ())
     with pytest.raises(ArmguardError, match="budget"):
         make_auto(robot=robot)

@@ -11,7 +11,7 @@ import functools
 from collections.abc import Callable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import coal
 import numpy as np
@@ -38,9 +38,7 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.arm_obstacles import ArmObstacles
-from armguard.pairs.cloud_filter import CloudFilter
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.pairs.separation_rule import SeparationRule
 from armguard.people import BOUNDS
 from armguard.robot.description import (
     DESCRIPTION,
@@ -56,6 +54,9 @@ from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP, OwnPoints
 from armguard.streams.keys import KeyPair
 from armguard.streams.limits import SourceLimits
+
+if TYPE_CHECKING:
+    from armguard.pairs.arm_obstacles import ArmObstacles
 
 _T = TypeVar("_T")
 
@@ -171,6 +172,9 @@ class Cell:
             if other.name not in self._other_robots:
                 self._other_robots[other.name] = self._make_robot(other.as_robot(), other.tool)
             robot, base = self._other_robots[other.name], self.frames[other.name]
+            # Most cells have one arm.
+            from armguard.pairs.arm_obstacles import ArmObstacles
+
             make = functools.partial(
                 ArmObstacles,
                 base_placement=pinocchio.SE3(base.rotation, base.translation),
@@ -312,13 +316,10 @@ class Cell:
         table = self.tables.clouds
         if table is None:
             return None
+        from armguard.pairs.cloud_filter import CloudFilter
+
         base = self.frames["base"]
-        own = CloudFilter(
-            robot,
-            pinocchio.SE3(base.rotation, base.translation),
-            shell=table.shell,
-            time_error=table.time_error,
-        )
+        own = CloudFilter(robot, pinocchio.SE3(base.rotation, base.translation), **given(table))
         frames = {
             name: Frame(place.rotation, place.translation, place.calibration_error)
             for name, place in self.frames.items()

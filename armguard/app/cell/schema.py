@@ -18,7 +18,6 @@ from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
 from armguard.monitor.settings import REMOVED
-from armguard.pairs.cloud_filter import SHELL
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
@@ -161,7 +160,7 @@ class SourceTable(_Table, frozen=True, kw_only=True):
 class CloudsTable(_Table, frozen=True, kw_only=True):
     """`[clouds]`: that clouds of depth cameras are taken, and how the arm is taken out of them."""
 
-    shell: NotNegative = SHELL
+    shell: NotNegative | UnsetType = UNSET
     """How far from the arm's cover a point still counts as the arm's own, in [m]: what is nearer to
     it than this is not seen."""
     time_error: NotNegative = 0.005

@@ -41,7 +41,7 @@ from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
 from armguard.robot.robot import Robot
-from armguard.robot.turns import (
+from armguard.robot.wrap_angle import (
     align_turns,
     find_continuous,
     has_continuous,

@@ -21,7 +21,7 @@ from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.robot import Robot
-from armguard.robot.turns import nearest_turn
+from armguard.robot.wrap_angle import nearest_turn
 
 FOLLOWED, PLACE, PACE = 0, 1, 2
 """What `find_straying` and `_find_gap` can say: nothing, or what is off.

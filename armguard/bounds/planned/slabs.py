@@ -24,7 +24,7 @@ from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
-from armguard.robot.turns import nearest_turn
+from armguard.robot.wrap_angle import nearest_turn
 
 SLAB = 5e-3
 """How long a slab of the curve is, in [s], unless there were too many."""

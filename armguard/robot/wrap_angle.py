@@ -1,4 +1,4 @@
-"""Positions of continuous joints, which mean the same whole turns apart.
+"""Positions of continuous joints, wrapped: positions whole turns apart are the same.
 
 Drivers and planners count turns or wrap at ±pi, as they like. A joint whose position has no limits
 is where it is at q + 2 pi k for every whole k: forward kinematics, Jacobians and bounds on motion

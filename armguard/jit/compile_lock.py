@@ -1,6 +1,6 @@
-"""Turns of processes at compiling one kernel: who waits for another one loads what that one made.
+"""Locks under which kernels are compiled: one process compiles each, the others load what it made.
 
-Two processes that start at once find the same cache empty. Without turns both compile everything,
+Two processes that start at once find the same cache empty. Without locks both compile everything,
 at twice the price; and of two that add to a kernel's index at once, one loses what it added.
 """
 
@@ -23,19 +23,19 @@ PATIENCE, INTERVAL = 120.0, 0.02
 what the longest takes, and how often it is looked after, in [s]."""
 
 _held: set[Path] = set()
-"""Turns that this process has: it may need one again, for other kinds of arguments."""
+"""Locks that this process has: it may need one again, for other kinds of arguments."""
 
 
 @contextlib.contextmanager
-def take_turn(path: Path) -> Iterator[None]:
-    """Inside, no other process is at the same turn, or it has taken far too long.
+def hold_compile_lock(path: Path) -> Iterator[None]:
+    """Inside, no other process has the same lock, or it has had it for far too long.
 
-    The turn of a process that dies is free: the operating system lets go of its locks. Where there
-    are none, or nothing can be written, nobody is waited for. A process's threads take turns one
-    at a time, for their caller holds Numba's lock.
+    The lock of a process that dies is free: the operating system releases it. Where there are no
+    locks, or nothing can be written, no process is waited for. Threads of one process never ask at
+    the same time, for their caller holds Numba's lock.
 
     Args:
-        path: File that stands for the turn; made if need be.
+        path: File that is locked; made if need be.
     """
     if fcntl is None or path in _held:
         yield

@@ -4,15 +4,15 @@ import sys
 
 import pytest
 
-from armguard.jit import turns
-from armguard.jit.turns import take_turn
+from armguard.jit import compile_lock
+from armguard.jit.compile_lock import hold_compile_lock
 from support.kernel_program import ALONE
 
 HOLDER = ALONE + (
     "import sys, time\n"
     "from pathlib import Path\n"
-    "from armguard.jit.turns import take_turn\n"
-    "with take_turn(Path(sys.argv[1])):\n"
+    "from armguard.jit.compile_lock import hold_compile_lock\n"
+    "with hold_compile_lock(Path(sys.argv[1])):\n"
     "    print('taken', flush=True)\n"
     "    time.sleep(600.0)\n"
 )
@@ -43,8 +43,8 @@ COMPILER = ALONE + (
 
 @pytest.fixture
 def holder(tmp_path):
-    """A process that has the turn for as long as it lives, and the turn's file."""
-    path = tmp_path / "folder" / "kernel.turn"
+    """A process that has the lock for as long as it lives, and its file."""
+    path = tmp_path / "folder" / "kernel.lock"
     command = [sys.executable, "-c", HOLDER, str(path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "taken\n"
@@ -72,41 +72,44 @@ def test_processes_that_start_at_once_compile_each_kernel_once(tmp_path):
     assert all(process.returncode == 0 for process in processes)
 
 
-def test_a_process_that_keeps_its_turn_for_too_long_is_not_waited_for(holder, monkeypatch):
-    monkeypatch.setattr(turns, "PATIENCE", 0.1)
-    with take_turn(holder[1]):
+def test_a_process_that_keeps_its_lock_for_too_long_is_not_waited_for(holder, monkeypatch):
+    monkeypatch.setattr(compile_lock, "PATIENCE", 0.1)
+    with hold_compile_lock(holder[1]):
         assert holder[0].poll() is None
 
 
-def test_the_turn_of_a_process_that_died_is_free(holder):
+def test_the_lock_of_a_process_that_died_is_free(holder):
     process, path = holder
     process.kill()
     process.wait()
-    with take_turn(path):
+    with hold_compile_lock(path):
         pass
 
 
-def test_a_process_may_need_a_turn_again_while_it_has_it(tmp_path):
-    path = tmp_path / "kernel.turn"
-    with take_turn(path), take_turn(path):
+def test_a_process_may_need_a_lock_again_while_it_has_it(tmp_path):
+    path = tmp_path / "kernel.lock"
+    with hold_compile_lock(path), hold_compile_lock(path):
         pass
-    assert not turns._held
+    assert not compile_lock._held
 
 
-def test_turns_are_left_where_a_kernel_cannot_be_compiled(tmp_path):
-    with pytest.raises(TypeError, match="no such kind"), take_turn(tmp_path / "kernel.turn"):
+def test_locks_are_released_where_a_kernel_cannot_be_compiled(tmp_path):
+    with (
+        pytest.raises(TypeError, match="no such kind"),
+        hold_compile_lock(tmp_path / "kernel.lock"),
+    ):
         raise TypeError("no such kind")
-    assert not turns._held
+    assert not compile_lock._held
 
 
 def test_nobody_is_waited_for_where_nothing_can_be_written(tmp_path):
     (tmp_path / "folder").write_text("not a folder")
-    with take_turn(tmp_path / "folder" / "kernel.turn"):
+    with hold_compile_lock(tmp_path / "folder" / "kernel.lock"):
         pass
 
 
 def test_nobody_is_waited_for_where_files_cannot_be_locked(tmp_path, monkeypatch):
-    monkeypatch.setattr(turns, "fcntl", None)
-    with take_turn(tmp_path / "kernel.turn"):
+    monkeypatch.setattr(compile_lock, "fcntl", None)
+    with hold_compile_lock(tmp_path / "kernel.lock"):
         pass
     assert not list(tmp_path.iterdir())

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armguard.robot.turns import MOST_TURNS, TURN, find_continuous, nearest_turn
+from armguard.robot.wrap_angle import MOST_TURNS, TURN, find_continuous, nearest_turn
 
 angles = st.floats(-1e6, 1e6)
 
