@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable
-from typing import Literal
+from collections.abc import Callable, Iterable
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
 from armguard.contact.earliest import Certificate
-from armguard.messages.incoming import MessageError, is_json
+from armguard.messages.incoming import MessageError, is_json, to_plain
 from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 GREATEST = sys.float_info.max
@@ -133,10 +133,142 @@ class ResetVerdictMessage(msgspec.Struct, tag_field="type", tag="reset_verdict")
 
 
 _AnyAnswer = VerdictMessage | PlanVerdictMessage | ResetVerdictMessage
-_encoder = msgspec.msgpack.Encoder()
-_json_encoder = msgspec.json.Encoder()
+_encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
+_json_encoder = msgspec.json.Encoder(enc_hook=to_plain)
 _decoder: msgspec.msgpack.Decoder[_AnyAnswer] = msgspec.msgpack.Decoder(_AnyAnswer)
 _json_decoder: msgspec.json.Decoder[_AnyAnswer] = msgspec.json.Decoder(_AnyAnswer)
+
+
+_LEVELS = {level: level.name for level in Level}
+_KINDS = {kind: kind.name.lower() for kind in ReasonKind}
+_KINDS_BY_NAME = {name: kind for kind, name in _KINDS.items()}
+
+
+def _to_json_figure(value: float) -> float:
+    """A number for JSON, which has no infinite ones: the greatest that there is stands for those.
+
+    Readers can compare it as it is. What is no number becomes null.
+    """
+    return math.copysign(GREATEST, value) if math.isinf(value) else float(value)
+
+
+def _read_figure(value: Figure) -> float:
+    return math.nan if value is None else value
+
+
+def _read_json_figure(value: Figure) -> float:
+    if value is None:
+        return math.nan
+    return math.copysign(math.inf, value) if abs(value) >= GREATEST else value
+
+
+def _write_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:
+    return [ReasonMessage(_KINDS[kind], subject, detail) for kind, subject, detail in reasons]
+
+
+def _read_reasons(reasons: Iterable[ReasonMessage]) -> tuple[Reason, ...]:
+    """Reasons of messages; raises ValueError for a kind that is unknown."""
+    for one in reasons:
+        if one.kind not in _KINDS_BY_NAME:
+            raise ValueError(f"reason {one.kind!r}")
+    return tuple(Reason(_KINDS_BY_NAME[one.kind], one.subject, one.detail) for one in reasons)
+
+
+def to_verdict_message(verdict: Verdict) -> VerdictMessage:
+    """A verdict as a message, in the monitor's own time; its numbers are as they are."""
+    certificate, held = verdict.certificate, verdict.held
+    # By place, since this is part of every tick.
+    return VerdictMessage(
+        verdict.stamp,
+        verdict.sequence,
+        _LEVELS[verdict.level],
+        verdict.contact_time,
+        verdict.stop_time,
+        verdict.speed_scale,
+        verdict.link,
+        verdict.obstacle,
+        verdict.complete,
+        verdict.evaluated,
+        _write_reasons(verdict.reasons),
+        verdict.valid_until,
+        verdict.separation,
+        None if certificate is None else _to_certificate_message(certificate),
+        verdict.stop,
+        None if held is None else _to_held_message(held),
+    )
+
+
+def _to_certificate_message(certificate: Certificate) -> CertificateMessage:
+    contact_time, times, witnesses = certificate
+    return CertificateMessage(
+        contact_time, times.tolist(), [tuple(one) for one in witnesses.tolist()]
+    )
+
+
+def _to_held_message(held: Held) -> HeldMessage:
+    cause, *times = held
+    return HeldMessage(None if cause is None else _write_reasons((cause,))[0], *times)
+
+
+def read_verdict(
+    message: VerdictMessage, read: Callable[[Figure], float] = _read_figure
+) -> Verdict:
+    """The verdict that a message holds.
+
+    Args:
+        message: The message.
+        read: Makes numbers of those of the message.
+
+    Raises:
+        ValueError: A level or a kind of reason is unknown.
+    """
+    proof, held = message.certificate, message.held
+    certificate = cause = None
+    if proof is not None:
+        times = np.array([read(time) for time in proof.times], float)
+        witnesses = np.array(proof.witnesses, float).reshape(-1, 3)
+        certificate = Certificate(read(proof.contact_time), times, witnesses)
+    if held is not None and held.reason is not None:
+        (cause,) = _read_reasons([held.reason])
+    if message.level not in Level.__members__:
+        raise ValueError(f"level {message.level!r}")
+    return Verdict(
+        stamp=read(message.stamp),
+        sequence=message.sequence,
+        level=Level[message.level],
+        contact_time=read(message.contact_time),
+        stop_time=read(message.stop_time),
+        speed_scale=read(message.speed_scale),
+        link=message.link,
+        obstacle=message.obstacle,
+        complete=message.complete,
+        evaluated=message.evaluated,
+        reasons=_read_reasons(message.reasons),
+        valid_until=read(message.valid_until),
+        separation=None if message.separation is None else read(message.separation),
+        certificate=certificate,
+        stop=message.stop,
+        held=None
+        if held is None
+        else Held(
+            cause,
+            read(held.contact_time),
+            read(held.stop_time),
+            read(held.since),
+            read(held.rises_at),
+        ),
+    )
+
+
+def to_plan_message(number: int, verdict: PlanVerdict) -> PlanVerdictMessage:
+    """The answer to a plan as a message.
+
+    Args:
+        number: Of the plan, as its sender counts.
+        verdict: The answer; its contact time is counted from when it was judged.
+    """
+    safe, contact_time, link, obstacle, reasons = verdict
+    return PlanVerdictMessage(number, safe, contact_time, link, obstacle, _write_reasons(reasons))
 
 
 def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) -> bytes:
@@ -147,58 +279,19 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
         offset: Machine's monotonic clock minus the monitor's, in [s].
         as_json: Whether it is JSON.
     """
-    tell = _to_json_number if as_json else float
-    certificate = None
-    if verdict.certificate is not None:
-        contact_time, times, witnesses = verdict.certificate
-        instants: list[Figure] = [tell(time) for time in times.tolist()]
-        certificate = CertificateMessage(tell(contact_time), instants, witnesses.tolist())
-    held = None
-    if verdict.held is not None:
-        cause, contact_time, stop_time, since, rises_at = verdict.held
-        held = HeldMessage(
-            None if cause is None else _tell_reasons((cause,))[0],
-            tell(contact_time),
-            tell(stop_time),
-            tell(since + offset),
-            tell(rises_at + offset),
-        )
-    separation = verdict.separation
-    message = VerdictMessage(
-        tell(verdict.stamp + offset),
-        verdict.sequence,
-        verdict.level.name,
-        tell(verdict.contact_time),
-        tell(verdict.stop_time),
-        tell(verdict.speed_scale),
-        verdict.link,
-        verdict.obstacle,
-        bool(verdict.complete),
-        int(verdict.evaluated),
-        _tell_reasons(verdict.reasons),
-        tell(math.nextafter(verdict.valid_until + offset, -math.inf)),  # never too long
-        None if separation is None else tell(separation),
-        certificate,
-        verdict.stop,
-        held,
-    )
-    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
+    message = to_verdict_message(verdict)
+    message.stamp = verdict.stamp + offset
+    # Never too long.
+    message.valid_until = math.nextafter(verdict.valid_until + offset, -math.inf)
+    if message.held is not None and verdict.held is not None:
+        message.held.since = verdict.held.since + offset
+        message.held.rises_at = verdict.held.rises_at + offset
+    return _encode(message, as_json)
 
 
 def encode_plan_verdict(number: int, verdict: PlanVerdict, *, as_json: bool = False) -> bytes:
-    """The answer to a plan as a msgpack map, or as a JSON object.
-
-    Args:
-        number: Of the plan, as its sender counts.
-        verdict: The answer; its contact time is counted from when it was judged.
-        as_json: Whether it is JSON.
-    """
-    safe, contact_time, link, obstacle, reasons = verdict
-    tell = _to_json_number if as_json else float
-    message = PlanVerdictMessage(
-        number, safe, tell(contact_time), link, obstacle, _tell_reasons(reasons)
-    )
-    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
+    """The answer to a plan as a msgpack map, or as a JSON object; see `to_plan_message`."""
+    return _encode(to_plan_message(number, verdict), as_json)
 
 
 def encode_reset_verdict(number: int, verdict: ResetVerdict, *, as_json: bool = False) -> bytes:
@@ -209,8 +302,23 @@ def encode_reset_verdict(number: int, verdict: ResetVerdict, *, as_json: bool = 
         verdict: The answer.
         as_json: Whether it is JSON.
     """
-    message = ResetVerdictMessage(number, *verdict)
-    return _json_encoder.encode(message) if as_json else _encoder.encode(message)
+    return _encode(ResetVerdictMessage(number, *verdict), as_json)
+
+
+def _encode(message: _AnyAnswer, as_json: bool) -> bytes:
+    return _json_encoder.encode(_bound(message)) if as_json else _encoder.encode(message)
+
+
+def _bound(value: Any) -> Any:
+    """A message, or a part of one, with the numbers that JSON has in place of others."""
+    if isinstance(value, float):
+        return _to_json_figure(value)
+    if isinstance(value, list):
+        return [_bound(one) for one in value]
+    if isinstance(value, msgspec.Struct):
+        for name in value.__struct_fields__:
+            setattr(value, name, _bound(getattr(value, name)))
+    return value
 
 
 def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdict]:
@@ -223,59 +331,19 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdic
         MessageError: If it is neither.
     """
     as_json = is_json(data)
+    read = _read_json_figure if as_json else _read_figure
     try:
         message = (_json_decoder if as_json else _decoder).decode(data)
         if isinstance(message, PlanVerdictMessage):
             return message.number, PlanVerdict(
                 message.safe,
-                _read_number(message.contact_time, as_json),
+                read(message.contact_time),
                 message.link,
                 message.obstacle,
                 _read_reasons(message.reasons),
             )
         if isinstance(message, ResetVerdictMessage):
             return message.number, ResetVerdict(message.obeyed, message.problem)
-        fields = {name: getattr(message, name) for name in message.__struct_fields__}
-        fields["level"] = Level[message.level]
-        fields["reasons"] = _read_reasons(message.reasons)
-        for name in ("stamp", "contact_time", "stop_time", "speed_scale", "valid_until"):
-            fields[name] = _read_number(fields[name], as_json)
-        if message.separation is not None:
-            fields["separation"] = _read_number(message.separation, as_json)
-        proof = message.certificate
-        if proof is not None:
-            contact_time = _read_number(proof.contact_time, as_json)
-            times = np.array([_read_number(time, as_json) for time in proof.times])
-            witnesses = np.array(proof.witnesses, float).reshape(-1, 3)
-            fields["certificate"] = Certificate(contact_time, times, witnesses)
-        held = message.held
-        if held is not None:
-            names = ("contact_time", "stop_time", "since", "rises_at")
-            read = (_read_number(getattr(held, name), as_json) for name in names)
-            cause = None if held.reason is None else _read_reasons([held.reason])[0]
-            fields["held"] = Held(cause, *read)
-        return Verdict(**fields)
-    except (ValueError, KeyError, RecursionError) as error:
+        return read_verdict(message, read)
+    except (ValueError, RecursionError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None
-
-
-def _to_json_number(value: float) -> float:
-    """A number for JSON, which has no infinite ones: the greatest that there is stands for those.
-
-    Readers can compare it as it is. What is no number becomes null.
-    """
-    return math.copysign(GREATEST, value) if math.isinf(value) else float(value)
-
-
-def _read_number(value: Figure, as_json: bool) -> float:
-    if value is None:
-        return math.nan
-    return math.copysign(math.inf, value) if as_json and abs(value) >= GREATEST else value
-
-
-def _tell_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:
-    return [ReasonMessage(one.kind.name.lower(), one.subject, one.detail) for one in reasons]
-
-
-def _read_reasons(reasons: Iterable[ReasonMessage]) -> tuple[Reason, ...]:
-    return tuple(Reason(ReasonKind[one.kind.upper()], one.subject, one.detail) for one in reasons)

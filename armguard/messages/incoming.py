@@ -265,6 +265,17 @@ def encode(message: AnyMessage) -> bytes:
     return _encoder.encode(message)
 
 
+def to_plain(value: object) -> object:
+    """Numbers of NumPy as Python's, for encoders.
+
+    Raises:
+        TypeError: It is something else.
+    """
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be encoded")
+
+
 def decode(data: bytes) -> AnyMessage:
     """One message from msgpack or JSON.
 

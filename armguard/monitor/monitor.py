@@ -22,6 +22,9 @@ from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.messages.events import Payload
+from armguard.messages.incoming import ResetMessage, WatchMessage
+from armguard.messages.journal import Journal
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.entrances import check_entrances
 from armguard.monitor.explain import Explanation
@@ -32,7 +35,6 @@ from armguard.monitor.joint_reasons import (
     describe_unbraked,
     read_joint_vectors,
 )
-from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
@@ -159,7 +161,7 @@ class Monitor:
         **removed: Never,
     ) -> None:
         refuse_settings(removed)
-        self.journal: MonitorJournal | None = None
+        self.journal: Journal | None = None
         self.choice: Choice | None = None
         settings = read_settings(
             robot,
@@ -336,7 +338,7 @@ class Monitor:
         if self._in_force.payload != before:
             self._reloaded = True
         if self.journal is not None:
-            self.journal.note_payload(self._in_force.payload)
+            self.journal.note_message(Payload(payload=self._in_force.payload))
 
     @property
     def joint_velocities(self) -> FloatArray:
@@ -411,7 +413,7 @@ class Monitor:
         time may be earlier than that of the ticks before.
         """
         if self.journal is not None:
-            self.journal.note_reset()
+            self.journal.note_message(ResetMessage(""))
         self._rule.reset()
         self._states.reset()
         if self._operating is not None:
@@ -493,7 +495,7 @@ class Monitor:
         """
         exemption = self._exemptions.add(link, ids, source, until=until, zone=zone, now=self._now)
         if self.journal is not None:
-            self.journal.note_exemption(exemption)
+            self.journal.note_message(exemption.to_message())
         return exemption.number
 
     def watch(self, number: int) -> None:
@@ -507,7 +509,7 @@ class Monitor:
         """
         self._exemptions.end(number)
         if self.journal is not None:
-            self.journal.note_exemption_end(int(number))
+            self.journal.note_message(WatchMessage(int(number)))
 
     @property
     def exemptions(self) -> tuple[Exemption, ...]:

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
+from armguard.messages.events import FaultsTaken
+from armguard.messages.journal import Journal
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
-from armguard.obstacles.journal import ObstacleJournal
 from armguard.obstacles.possible_states import distrust, forget_expired, list_states
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
@@ -52,7 +53,7 @@ class ObstacleRegister:
         journal: Is told each call that changes the table; None: nothing is. Copies have none.
     """
 
-    journal: ObstacleJournal | None = None
+    journal: Journal | None = None
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
         if isinstance(sources, str):
@@ -300,7 +301,7 @@ class ObstacleRegister:
     def take_faults(self) -> list[Fault]:
         """What was refused since the last call, oldest first."""
         if self.journal is not None:
-            self.journal.note_faults_taken()
+            self.journal.note_message(FaultsTaken())
         return self._faults.take()
 
     def take_dropped_faults(self) -> int:

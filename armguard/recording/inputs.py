@@ -1,7 +1,8 @@
-"""What a step and a plan were given, as events, and as arguments again.
+"""What a step and a plan were given, as messages, and as arguments again.
 
-A monitor takes whatever comes. Arrays of numbers are kept to the bit; of anything else so much is
-kept as its refusal told: type and shape of an array that does not fit, and that there was none.
+A monitor takes whatever comes. Where that is what a message can hold, it is one, to the bit. Of
+anything else so much is kept as its refusal depends on: type and shape of an array that does not
+fit, and that there was none.
 """
 
 from __future__ import annotations
@@ -10,19 +11,12 @@ import math
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET
 from numpy.typing import NDArray
 
 from armguard.bounds.planned.plan import Plan
+from armguard.messages.incoming import PlanMessage, Values, to_rows, to_values
 from armguard.monitor.settings import read_number
-from armguard.recording.events import (
-    JointState,
-    Numbers,
-    OddArray,
-    PlanAsked,
-    PlanField,
-)
-from armguard.robot.portable import read_numbers, write_number, write_numbers
+from armguard.recording.events import Argument, JointState, MalformedPlan, MalformedState
 
 MOST_NUMBERS = 1 << 20
 """Longer arrays are refused by their shapes whatever stands in them, and so that alone is kept."""
@@ -30,50 +24,97 @@ MOST_NUMBERS = 1 << 20
 _FLOAT = np.dtype(np.float64)
 
 
-def tell_state(stamp: object, q: Any, v: Any, now: object, joints: int) -> JointState:
-    """The arguments of a step.
+def make_state(
+    joints: list[str], stamp: object, q: Any, v: Any, now: object
+) -> JointState | MalformedState:
+    """The message of the arguments of a step.
 
     Args:
+        joints: Names of the robot's joints.
         stamp: As in `Monitor.step`.
         q: As in `Monitor.step`.
         v: As in `Monitor.step`.
         now: As in `Monitor.step`; the stamp where none was given.
-        joints: How many there are.
     """
-    told_q, odd_q = _tell_vector(q, joints)
-    told_v, odd_v = _tell_vector(v, joints)
-    return JointState(_tell_number(stamp), _tell_number(now), told_q, told_v, odd_q, odd_v)
+    shape = (len(joints),)
+    if not (
+        type(stamp) is float is type(now)
+        and type(q) is np.ndarray is type(v)
+        # NumPy has one object for the type of almost all arrays of float64.
+        and q.dtype is _FLOAT is v.dtype
+        and q.shape == shape == v.shape
+    ):
+        stamp, q, v, now = read_number(stamp), _read_array(q), _read_array(v), read_number(now)
+        if not (_fits(q, shape) and _fits(v, shape)):
+            return MalformedState(stamp, _describe("q", q), _describe("v", v), now)
+    return JointState(stamp, joints, q.tobytes(), v.tobytes(), now=now)
 
 
-def restore_state(event: JointState) -> tuple[float, Any, Any, float]:
-    """Arguments of a step that have the same effect as those of `tell_state` had."""
-    return (
-        float(event.stamp),
-        read_numbers(event.q) if event.odd_q is UNSET else restore_odd(event.odd_q),
-        read_numbers(event.v) if event.odd_v is UNSET else restore_odd(event.odd_v),
-        float(event.now),
-    )
+def restore_state(message: JointState | MalformedState) -> tuple[float, Any, Any, float]:
+    """Arguments of a step that have the same effect as those of `make_state` had.
+
+    Raises:
+        ValueError: It is no message of a step.
+    """
+    if isinstance(message, JointState):
+        count = len(message.names)
+        q, v = to_values("q", message.q, count), to_values("v", message.v, count)
+        return message.stamp, q, v, message.now
+    return message.stamp, _restore(message.q), _restore(message.v), message.now
 
 
-def tell_plan(plan: object) -> PlanAsked:
-    """A plan, or whatever stood in its place."""
+def make_plan(joints: list[str], number: int, plan: object) -> PlanMessage | MalformedPlan:
+    """The message of a plan, or of whatever stood in its place.
+
+    Args:
+        joints: Names of the robot's joints.
+        number: Of the plan.
+        plan: As in `Monitor.commit`.
+    """
     if not isinstance(plan, Plan):
-        return PlanAsked(type=type(plan).__name__)
-    fields = [
-        _tell_field(name, value)
-        for name, value in zip(Plan._fields, plan, strict=True)
-        if value is not None or name in Plan._fields[:5]
-    ]
-    return PlanAsked(fields=fields)
+        return MalformedPlan([], type(plan).__name__)
+    given = {
+        name: _read_array(value)
+        for name, value in plan._asdict().items()
+        if value is not None or name != "velocity_tracking_error"
+    }
+    times, width = given["times"], len(joints)
+    rows = (len(times), width) if times is not None and times.ndim == 1 else ()
+    shapes: dict[str, tuple[Any, ...]] = {"stamp": ((),), "times": (rows[:1],)}
+    shapes |= {"q": (rows,), "v": (rows,)}
+    if not all(_fits(value, *shapes.get(name, ((), (width,)))) for name, value in given.items()):
+        return MalformedPlan([_describe(name, value) for name, value in given.items()])
+    stamp, *packed = (
+        value.tobytes() if value is not None and value.ndim else float(value)  # type: ignore[arg-type]
+        for value in given.values()
+    )
+    return PlanMessage("commit", number, stamp, joints, *packed)  # type: ignore[arg-type]
 
 
-def restore_plan(event: PlanAsked) -> Any:
-    """What a monitor answers alike; a `Plan` unless that was none."""
-    if event.type != "Plan" or not event.fields:
-        return type(event.type, (), {})()
-    # Format 1 has the error of stops that no monitor judges any more.
-    fields = [field for field in event.fields if field.name != "stop_tracking_error"]
-    return Plan(**{field.name: _restore_field(field) for field in fields})
+def restore_plan(message: PlanMessage | MalformedPlan) -> Any:
+    """What a monitor answers like what `make_plan` was given; a `Plan` unless that was none.
+
+    Raises:
+        MessageError: Its fields do not fit each other.
+    """
+    if isinstance(message, MalformedPlan):
+        if message.given != "Plan":
+            return type(message.given, (), {})()
+        return Plan(**{one.name: _restore(one) for one in message.arguments})
+    width, count = len(message.names), len(message.times) // 8
+
+    def read(name: str, values: Values) -> Any:
+        return values if isinstance(values, float) else to_values(name, values, width)
+
+    further = message.velocity_tracking_error
+    return Plan(
+        message.stamp,
+        to_values("times", message.times, count),
+        to_rows("q", message.q, count, width),
+        to_rows("v", message.v, count, width),
+        read("tracking_error", message.tracking_error),
+        None if further is None else read("velocity_tracking_error", further),
+    )
 
 
 class OddValues(np.ndarray[Any, Any]):
@@ -87,32 +128,14 @@ class Unreadable:
         raise TypeError("no array")
 
 
-def restore_odd(odd: OddArray) -> Any:
-    """What is refused as the array was that is described."""
-    if not odd.kind:
-        return Unreadable()
-    # An array without memory, however long.
-    return np.broadcast_to(np.zeros((), np.dtype(odd.kind)), tuple(odd.shape)).view(OddValues)
-
-
-def _tell_number(value: object) -> float | str:
-    if type(value) is float and -math.inf < value < math.inf:
-        return value
-    return write_number(read_number(value))
-
-
-def _tell_vector(values: Any, joints: int) -> tuple[Any, Any]:
-    """The numbers of a vector, or what stood in its place; the other one is UNSET."""
-    if type(values) is np.ndarray and values.dtype == _FLOAT and values.ndim == 1:
-        if len(values) <= MOST_NUMBERS:
-            listed: Numbers = values.tolist()
-            # Of finite numbers the sum may still overflow, which costs a second look.
-            return (listed if math.isfinite(sum(listed)) else write_numbers(values)), UNSET  # type: ignore[arg-type]
-        return UNSET, OddArray(_FLOAT.str, [len(values)])
-    array = _read_array(values)
-    if array is not None and array.dtype == _FLOAT and array.shape == (joints,):
-        return write_numbers(array), UNSET
-    return UNSET, _describe(array)
+def _fits(array: NDArray[Any] | None, *shapes: tuple[int, ...]) -> bool:
+    """Whether it is an array of float64 of one of these shapes, and not too long."""
+    return (
+        array is not None
+        and array.dtype == _FLOAT
+        and array.shape in shapes
+        and array.size <= MOST_NUMBERS
+    )
 
 
 def _read_array(values: Any) -> NDArray[Any] | None:
@@ -122,7 +145,8 @@ def _read_array(values: Any) -> NDArray[Any] | None:
             values = np.ma.filled(values.astype(np.float64), np.nan)
         array = np.asarray(values)
         if array.dtype.kind not in "fiu":
-            return _of_its_kind(array)
+            # Nothing but type and shape matters, and nothing else is held on to.
+            return _make_odd(array.dtype, array.shape)
         with np.errstate(all="ignore"):
             return np.array(array, dtype=np.float64)
     except Exception:
@@ -130,26 +154,23 @@ def _read_array(values: Any) -> NDArray[Any] | None:
         return None
 
 
-def _of_its_kind(array: NDArray[Any]) -> NDArray[Any]:
-    # Nothing but type and shape matters, and nothing else is held on to.
-    return np.broadcast_to(np.zeros((), array.dtype), array.shape).view(OddValues)
+def _make_odd(kind: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An array without memory, however long."""
+    return np.broadcast_to(np.zeros((), np.dtype(kind)), shape).view(OddValues)
 
 
-def _describe(array: NDArray[Any] | None) -> OddArray:
-    if array is None:
-        return OddArray("", [])
-    return OddArray(str(array.dtype), list(array.shape))
+def _describe(name: str, value: Any) -> Argument:
+    if value is None:
+        return Argument(name, [], "")
+    array = np.asanyarray(value)
+    is_kept = array.dtype == _FLOAT and array.size <= MOST_NUMBERS
+    values = array.tobytes() if is_kept else b""
+    return Argument(name, list(array.shape), array.dtype.str, values)
 
 
-def _tell_field(name: str, value: Any) -> PlanField:
-    array = _read_array(value)
-    if array is None or array.dtype != _FLOAT or array.size > MOST_NUMBERS:
-        odd = _describe(array)
-        return PlanField(name, [], odd.shape, odd.kind)
-    return PlanField(name, write_numbers(array.ravel()), list(array.shape), _FLOAT.str)
-
-
-def _restore_field(field: PlanField) -> Any:
-    if field.kind == _FLOAT.str and len(field.values) == math.prod(field.shape):
-        return read_numbers(field.values).reshape(field.shape)
-    return restore_odd(OddArray(field.kind, field.shape))
+def _restore(argument: Argument) -> Any:
+    if not argument.kind:
+        return Unreadable()
+    if argument.kind == _FLOAT.str and len(argument.values) == 8 * math.prod(argument.shape):
+        return np.frombuffer(argument.values).reshape(argument.shape)
+    return _make_odd(argument.kind, tuple(argument.shape))

@@ -4,8 +4,8 @@ import contextlib
 import os
 import time
 
+from armguard.messages.answers import VerdictMessage, read_verdict
 from armguard.recording import Recorder, Recording
-from armguard.recording.events import VerdictTold, read_verdict
 from support import eventful_runs
 
 PATIENCE = 60.0
@@ -27,7 +27,7 @@ def read_events(path):
 
 def read_verdicts(path):
     """The verdicts of a recording."""
-    return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictTold)]
+    return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictMessage)]
 
 
 def wait_until(condition):
