@@ -36,7 +36,7 @@ ROOMS = {
     "view": "streams bounds robot",
     "recording": "messages bridges monitor scheduling pairs bounds robot obstacles verdict",
     "people": "obstacles",
-    "bridges": "monitor robot obstacles verdict",
+    "bridges": "messages monitor robot obstacles verdict",
     "app": "all but lab",
     "lab": EVERYTHING,
 }
