@@ -39,34 +39,26 @@ class JointState(JointsMessage, tag="joints", kw_only=True):
     """Time of the tick, in [s]."""
 
 
-class Argument(msgspec.Struct):
-    """An argument of a call: an array of float64, or what stood in its place."""
-
-    name: str
-    shape: list[int]
-    kind: str
-    """NumPy's name of the type of its elements; empty: it was no array."""
-    values: bytes = b""
-    """Of an array of float64, unless it is too long."""
-
-
 class MalformedState(Message, tag="malformed_state"):
-    """Arguments of a step that are of another type or shape than a joint state can be."""
+    """Arguments of a step of which no arrays of numbers could be made."""
 
     stamp: float
     """[s]."""
-    q: Argument
-    v: Argument
+    subject: str
+    """Which of them."""
+    problem: str
+    """What was found, and what was expected."""
     now: float
-    """[s]."""
+    """Time of the tick, in [s]."""
 
 
 class MalformedPlan(Message, tag="malformed_plan"):
-    """A plan with fields of another type or shape than a message can hold, or what was no plan."""
+    """What was to be committed, and was no plan that could be read."""
 
-    arguments: list[Argument]
-    given: str = "Plan"
-    """Type of what was to be committed."""
+    subject: str
+    """The plan, or one of its fields."""
+    problem: str
+    """What was found, and what was expected."""
 
 
 class Link(msgspec.Struct):

@@ -169,7 +169,7 @@ class Scene:
     def take_state(self, message: JointState) -> None:
         """Take a joint state, unless there is none to be drawn."""
         _, q, _, _ = restore_state(message)
-        if np.isfinite(q).all():
+        if len(q) == len(self._robot.joints) and np.isfinite(q).all():
             self._q = q
 
     def take_update(self, message: ObstaclesMessage) -> None:

@@ -121,9 +121,11 @@ def test_a_plan_is_kept_to_the_bit():
 def test_whatever_a_message_can_hold_is_one():
     for q in (HOME, HOME.tolist(), HOME.astype(np.float32), np.arange(7), [math.nan] * 7):
         assert isinstance(make_state(JOINTS, 1, q, STILL, 1), JointState)
-    assert isinstance(make_state(JOINTS, 1.0, HOME[:6], STILL, 1.0), MalformedState)
+    assert isinstance(make_state(JOINTS, 1.0, HOME[:6], STILL, 1.0), JointState)
+    assert isinstance(make_state(JOINTS, 1.0, list(HOME[:6]), STILL, 1.0), MalformedState)
     kinds = [type(make_plan(JOINTS, 1, plan)) for plan in PLANS]
-    assert kinds == [PlanMessage, PlanMessage, MalformedPlan, PlanMessage, *[MalformedPlan] * 7]
+    assert [kind is PlanMessage for kind in kinds] == [number in (0, 3) for number in range(11)]
+    assert set(kinds) == {PlanMessage, MalformedPlan}
 
 
 @pytest.mark.parametrize("q", [[-0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, 0.1, 0]])

@@ -23,7 +23,6 @@ from armguard.messages.incoming import (
     WatchMessage,
 )
 from armguard.recording.events import (
-    Argument,
     BodiesChanged,
     Gap,
     JointState,
@@ -63,7 +62,7 @@ VERDICTS = [
 ]
 MESSAGES = [
     JointState(-0.0, ["a", "b"], PACKED[:16], PACKED[16:32], now=math.nan),
-    MalformedState(math.nan, Argument("q", [6], "<f8", PACKED), Argument("v", [], ""), 0.0),
+    MalformedState(math.nan, "q", "not an array of numbers", 0.0),
     ObstaclesMessage([], 1.5, "camera", position=b"", radius=0.0),
     ObstaclesMessage(["a"], 1.5, "camera", position=PACKED, radius=0.1),
     ObstaclesMessage(
@@ -85,8 +84,7 @@ MESSAGES = [
     PlanMessage(
         "commit", 1, 0.5, ["a", "b"], PACKED[:8], PACKED[:16], PACKED[:16], 0.1, PACKED[:16]
     ),
-    MalformedPlan([Argument("q", [2, 3], "<U3")]),
-    MalformedPlan([], "str"),
+    MalformedPlan("plan", "is a str"),
     to_plan_message(1, PlanVerdict(False, math.inf, None, None, (CAUSE,))),
     *map(to_verdict_message, VERDICTS),
     BodiesChanged(revision=2, links=[Link("hand"), Link("tool", "{}")]),
