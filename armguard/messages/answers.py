@@ -176,26 +176,15 @@ def _read_reasons(reasons: Iterable[ReasonMessage]) -> tuple[Reason, ...]:
 
 def to_verdict_message(verdict: Verdict) -> VerdictMessage:
     """A verdict as a message, in the monitor's own time; its numbers are as they are."""
-    certificate, held = verdict.certificate, verdict.held
-    # By place, since this is part of every tick.
-    return VerdictMessage(
-        verdict.stamp,
-        verdict.sequence,
-        _LEVELS[verdict.level],
-        verdict.contact_time,
-        verdict.stop_time,
-        verdict.speed_scale,
-        verdict.link,
-        verdict.obstacle,
-        verdict.complete,
-        verdict.evaluated,
-        _write_reasons(verdict.reasons),
-        verdict.valid_until,
-        verdict.separation,
-        None if certificate is None else _to_certificate_message(certificate),
-        verdict.stop,
-        None if held is None else _to_held_message(held),
-    )
+    # Its fields are those of the message, in their order.
+    message = VerdictMessage(*verdict)  # type: ignore[arg-type]
+    message.level = _LEVELS[verdict.level]
+    message.reasons = _write_reasons(verdict.reasons)
+    if verdict.certificate is not None:
+        message.certificate = _to_certificate_message(verdict.certificate)
+    if verdict.held is not None:
+        message.held = _to_held_message(verdict.held)
+    return message
 
 
 def _to_certificate_message(certificate: Certificate) -> CertificateMessage:
@@ -222,42 +211,27 @@ def read_verdict(
     Raises:
         ValueError: A level or a kind of reason is unknown.
     """
-    proof, held = message.certificate, message.held
-    certificate = cause = None
-    if proof is not None:
-        times = np.array([read(time) for time in proof.times], float)
-        witnesses = np.array(proof.witnesses, float).reshape(-1, 3)
-        certificate = Certificate(read(proof.contact_time), times, witnesses)
-    if held is not None and held.reason is not None:
-        (cause,) = _read_reasons([held.reason])
+    fields = {name: getattr(message, name) for name in message.__struct_fields__}
+    for name in ("stamp", "contact_time", "stop_time", "speed_scale", "valid_until"):
+        fields[name] = read(fields[name])
     if message.level not in Level.__members__:
         raise ValueError(f"level {message.level!r}")
-    return Verdict(
-        stamp=read(message.stamp),
-        sequence=message.sequence,
-        level=Level[message.level],
-        contact_time=read(message.contact_time),
-        stop_time=read(message.stop_time),
-        speed_scale=read(message.speed_scale),
-        link=message.link,
-        obstacle=message.obstacle,
-        complete=message.complete,
-        evaluated=message.evaluated,
-        reasons=_read_reasons(message.reasons),
-        valid_until=read(message.valid_until),
-        separation=None if message.separation is None else read(message.separation),
-        certificate=certificate,
-        stop=message.stop,
-        held=None
-        if held is None
-        else Held(
-            cause,
-            read(held.contact_time),
-            read(held.stop_time),
-            read(held.since),
-            read(held.rises_at),
-        ),
-    )
+    fields["level"] = Level[message.level]
+    fields["reasons"] = _read_reasons(message.reasons)
+    if message.separation is not None:
+        fields["separation"] = read(message.separation)
+    if message.certificate is not None:
+        contact_time, times, witnesses = msgspec.structs.astuple(message.certificate)
+        fields["certificate"] = Certificate(
+            read(contact_time),
+            np.array([read(time) for time in times], float),
+            np.array(witnesses, float).reshape(-1, 3),
+        )
+    if message.held is not None:
+        cause, *numbers = msgspec.structs.astuple(message.held)
+        reason = None if cause is None else _read_reasons([cause])[0]
+        fields["held"] = Held(reason, *map(read, numbers))
+    return Verdict(**fields)
 
 
 def to_plan_message(number: int, verdict: PlanVerdict) -> PlanVerdictMessage:

@@ -23,7 +23,7 @@ from armguard.bounds.planned.plan import CheckedPlan, Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.messages.events import Payload
-from armguard.messages.incoming import ResetMessage, WatchMessage
+from armguard.messages.incoming import Message, ResetMessage, WatchMessage
 from armguard.messages.journal import Journal
 from armguard.monitor.committed_pieces import CommittedPieces
 from armguard.monitor.entrances import check_entrances
@@ -337,8 +337,7 @@ class Monitor:
         self._in_force.load(payload)
         if self._in_force.payload != before:
             self._reloaded = True
-        if self.journal is not None:
-            self.journal.note_message(Payload(payload=self._in_force.payload))
+        self._note(Payload(payload=self._in_force.payload))
 
     @property
     def joint_velocities(self) -> FloatArray:
@@ -412,8 +411,7 @@ class Monitor:
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
-        if self.journal is not None:
-            self.journal.note_message(ResetMessage(""))
+        self._note(ResetMessage(""))
         self._rule.reset()
         self._states.reset()
         if self._operating is not None:
@@ -494,8 +492,7 @@ class Monitor:
                 left to watch; then nothing has changed.
         """
         exemption = self._exemptions.add(link, ids, source, until=until, zone=zone, now=self._now)
-        if self.journal is not None:
-            self.journal.note_message(exemption.to_message())
+        self._note(exemption.to_message())
         return exemption.number
 
     def watch(self, number: int) -> None:
@@ -508,8 +505,7 @@ class Monitor:
             ArmguardError: It returned no such number.
         """
         self._exemptions.end(number)
-        if self.journal is not None:
-            self.journal.note_message(WatchMessage(int(number)))
+        self._note(WatchMessage(int(number)))
 
     @property
     def exemptions(self) -> tuple[Exemption, ...]:
@@ -721,6 +717,11 @@ class Monitor:
             )
         )
         return verdict
+
+    def _note(self, message: Message) -> None:
+        """Give a message to the journal, if there is one."""
+        if self.journal is not None:
+            self.journal.note_message(message)
 
     def _find_pieces(self, method: str) -> CommittedPieces:
         if self._judge.pieces is None:

@@ -467,9 +467,7 @@ class Obstacles(ObstacleRegister):
             points: How many it had.
             dropped: How many of them were left out.
         """
-        if self.journal is not None:
-            message = DroppedPoints(source=source, stamp=stamp, points=points, dropped=dropped)
-            self.journal.note_message(message)
+        self._note(DroppedPoints(source=source, stamp=stamp, points=points, dropped=dropped))
         state = self._sources.find(source)
         if state is not None:
             self._sources.count_points(state, stamp, points, dropped)
@@ -587,9 +585,7 @@ class Obstacles(ObstacleRegister):
             row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
-        if self.journal is not None:
-            place = StaticObstacle(id=name, position=points.tobytes(), radius=size)
-            self.journal.note_message(place)
+        self._note(StaticObstacle(id=name, position=points.tobytes(), radius=size))
         self.table.place_static(row, points, size)
 
     def add_entrance(
@@ -659,11 +655,10 @@ class Obstacles(ObstacleRegister):
             row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
-        if self.journal is not None:
-            place = StaticObstacle(
-                id=name, position=points.tobytes(), radius=size, speed=pace, accel=rate
-            )
-            self.journal.note_message(place)
+        place = StaticObstacle(
+            id=name, position=points.tobytes(), radius=size, speed=pace, accel=rate
+        )
+        self._note(place)
         self.table.place_entrance(row, points, size, rate, pace)
 
     def _read_place(
@@ -721,9 +716,7 @@ class Obstacles(ObstacleRegister):
                 self._check_source(source)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        if self.journal is not None:
-            since = math.nan if time is None else time
-            self.journal.note_message(RemoveMessage(names, since, source or ""))
+        self._note(RemoveMessage(names, math.nan if time is None else time, source or ""))
         state = None if source is None else self._sources.find(source)
         if source is not None and time is not None:
             state = self._sources.hear(source, time)
@@ -809,9 +802,8 @@ class Obstacles(ObstacleRegister):
             problem: What was wrong with it.
             stamp: Of the call, in [s]; NaN where it had none.
         """
-        if self.journal is not None:
-            call = MalformedCall(source=source, offender=offender, problem=problem, stamp=stamp)
-            self.journal.note_message(call)
+        call = MalformedCall(source=source, offender=offender, problem=problem, stamp=stamp)
+        self._note(call)
         self._faults.leave(FaultKind.MALFORMED, source, "", offender, problem, stamp)
 
     def leave_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
@@ -823,9 +815,7 @@ class Obstacles(ObstacleRegister):
             problem: What it did, and by how much.
             stamp: Of the joint state that shows it, in [s].
         """
-        if self.journal is not None:
-            broken = PromiseBroken(source=source, joint=joint, problem=problem, stamp=stamp)
-            self.journal.note_message(broken)
+        self._note(PromiseBroken(source=source, joint=joint, problem=problem, stamp=stamp))
         self._faults.leave(FaultKind.PROMISE_BROKEN, source, "", joint, problem, stamp)
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
