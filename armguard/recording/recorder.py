@@ -236,7 +236,7 @@ class Recorder:
         self._note(to_verdict_message, verdict)
 
     def defer(self) -> None:
-        """Leave what is told to `write_pending`, which a loop calls when it has time to spare.
+        """Leave writing to `write_pending`, which a loop calls when it has time to spare.
 
         So recording takes no time of its ticks. What a loop could not write in time is written in
         its next tick. If it is killed in the middle of a tick, that tick is not in the file. Arrays
