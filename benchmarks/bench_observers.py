@@ -36,9 +36,9 @@ from armguard.app.realtime import request_realtime
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
 from armguard.lab.simulation import ProceduralPerson
+from armguard.messages.incoming import JointsMessage, encode
 from armguard.recording import Recorder
 from armguard.streams import Edge, FaultLog, VerdictPublisher
-from armguard.streams.messages import JointsMessage, encode
 from armguard.view import FramePublisher, launch
 
 CELL = '[robot]\nname = "panda"\n[sources.person]\n'

@@ -1,16 +1,18 @@
 """The page about the wire: `python docs/make_wire.py` writes docs/wire.md.
 
-Tables of fields are made of the classes in armguard/streams/messages.py: what a field is called,
+Tables of fields are made of the classes in armguard/messages: what a field is called,
 its type, whether it may be left out, and the text that stands below it.
 """
 
 from __future__ import annotations
 
 import ast
+import inspect
 import itertools
 from pathlib import Path
 
-from armguard.streams import addresses, inputs, limits, messages
+from armguard.messages import answers, incoming
+from armguard.streams import addresses, inputs, limits
 from armguard.verdict import ReasonKind
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
@@ -28,7 +30,7 @@ TYPES = {
     "list[str]": "strings",
     "list[float]": "numbers",
     "bytes | list[float]": "numbers",
-    "Points": f"n rows of 3 numbers, or of 1 to {messages.POINT_LIMIT} such points",
+    "Points": f"n rows of 3 numbers, or of 1 to {incoming.POINT_LIMIT} such points",
     "Points | None": "as of `position`, or nil",
     "Cloud": "rows of 3 numbers",
     "tuple[float, float, float]": "3 numbers",
@@ -51,7 +53,7 @@ TYPES = {
 
 HEAD = f"""# The wire
 
-<!-- written by docs/make_wire.py from armguard/streams/messages.py: change it there -->
+<!-- written by docs/make_wire.py from armguard/messages: change it there -->
 
 What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard run` binds, all others connect, so any process may start first and any may be restarted.
 
@@ -71,7 +73,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 
 - `type` names the message. Unknown fields are refused, missing ones are named.
 - In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row. A field that may be nil, null in JSON, may as well be left out.
-- JSON has no infinite numbers. In verdicts {messages.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. What is no number at all (NaN), such as the stamp of a verdict on a joint state whose stamp was none, is NaN in msgpack and null in JSON, and may be any number of a verdict or an answer. Obey the level first: a STOP is one whatever its numbers are, and a `valid_until` or `speed_scale` that is no number counts as over, and as 0. Bounds that are infinite can be sent in msgpack only.
+- JSON has no infinite numbers. In verdicts {answers.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. What is no number at all (NaN), such as the stamp of a verdict on a joint state whose stamp was none, is NaN in msgpack and null in JSON, and may be any number of a verdict or an answer. Obey the level first: a STOP is one whatever its numbers are, and a `valid_until` or `speed_scale` that is no number counts as over, and as 0. Bounds that are infinite can be sent in msgpack only.
 - Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix`, or `arrival` for a sender without a clock that could be compared.
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
@@ -193,7 +195,7 @@ def ask(publisher: Publisher, reader: VerdictReader, stamp, names, times, q, v) 
 
 def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
     """Fields of a message: name, type in words, default or nothing, and the text below it."""
-    tree = ast.parse(Path(messages.__file__).read_text(encoding="utf-8"))
+    tree = ast.parse(Path(inspect.getfile(schema)).read_text(encoding="utf-8"))
     (body,) = (
         node.body
         for node in tree.body
@@ -211,7 +213,7 @@ def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
 def write_table(schema: type) -> str:
     """The fields of a message, in Markdown."""
     rows = ["| field | type | meaning |", "|---|---|---|"]
-    is_sent_whole = not issubclass(schema, messages.Message)  # by the monitor
+    is_sent_whole = not issubclass(schema, incoming.Message)  # by the monitor
     for name, words, default, text in read_fields(schema):
         optional = f", optional{_write_default(default)}" if default and not is_sent_whole else ""
         rows.append(f"| `{name}` | {words}{optional} | {text} |")
@@ -230,38 +232,38 @@ def write_page() -> str:
     parts = [
         HEAD,
         OBSTACLES,
-        write_table(messages.ObstaclesMessage),
+        write_table(incoming.ObstaclesMessage),
         AFTER_OBSTACLES,
         CLOUD,
-        write_table(messages.CloudMessage),
+        write_table(incoming.CloudMessage),
         AFTER_CLOUD,
         REMOVE,
-        write_table(messages.RemoveMessage),
+        write_table(incoming.RemoveMessage),
         JOINTS,
-        write_table(messages.JointsMessage),
+        write_table(incoming.JointsMessage),
         AFTER_JOINTS,
         RESET,
-        write_table(messages.ResetMessage),
+        write_table(incoming.ResetMessage),
         AFTER_RESET,
-        write_table(messages.ResetVerdictMessage),
+        write_table(answers.ResetVerdictMessage),
         IGNORE,
-        write_table(messages.IgnoreMessage),
+        write_table(incoming.IgnoreMessage),
         WATCH,
-        write_table(messages.WatchMessage),
+        write_table(incoming.WatchMessage),
         AFTER_WATCH,
         VERDICT,
-        write_table(messages.VerdictMessage),
+        write_table(answers.VerdictMessage),
         REASONS,
-        write_table(messages.ReasonMessage),
+        write_table(answers.ReasonMessage),
         f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
         HELD,
-        write_table(messages.HeldMessage),
+        write_table(answers.HeldMessage),
         CERTIFICATE,
-        write_table(messages.CertificateMessage),
+        write_table(answers.CertificateMessage),
         PLANS,
-        write_table(messages.PlanMessage),
+        write_table(incoming.PlanMessage),
         ANSWERS,
-        write_table(messages.PlanVerdictMessage),
+        write_table(answers.PlanVerdictMessage),
         SHARING,
         TAIL,
     ]

@@ -204,7 +204,8 @@ class Replay:
 
     def run(self) -> int:
         """Replay; the exit code is 1 where verdicts differ."""
-        from armguard.app.replay import PageRequest, run_bag, run_replay
+        from armguard.app.replay import PageRequest, ReplayOptions, run_bag, run_replay
+        from armguard.recording.bags import BagInputs
 
         if self.json and self.csv == Path("-"):
             raise ArmguardError(
@@ -213,6 +214,7 @@ class Replay:
         page = None
         if self.view or self.export is not None:
             page = PageRequest(self.view, self.port, self.open, self.export)
+        options = ReplayOptions(self.speed, self.explain, self.csv, page, self.json)
         if self.topics or self.cell is not None:
             if not self.topics or self.cell is None:
                 missing = "--cell" if self.topics else "--topics"
@@ -221,20 +223,8 @@ class Replay:
                 raise ArmguardError(
                     "--what-if", "is for armguard's own recordings", remedy="make one by --record"
                 )
-            return run_bag(
-                self.file,
-                self.cell,
-                self.topics,
-                radius=self.radius,
-                snapshot=self.snapshot,
-                stamps=self.stamps,
-                record=self.record,
-                speed=self.speed,
-                explain=self.explain,
-                csv_file=self.csv,
-                page=page,
-                as_json=self.json,
-            )
+            inputs = BagInputs(self.topics, self.radius, self.snapshot, self.stamps)
+            return run_bag(self.file, self.cell, inputs, options, self.record)
         of_others = {
             "--radius": self.radius is not None,
             "--snapshot": self.snapshot,
@@ -246,15 +236,7 @@ class Replay:
                 raise ArmguardError(
                     name, "is for recordings of others", expected="--cell and --topics beside it"
                 )
-        return run_replay(
-            self.file,
-            speed=self.speed,
-            explain=self.explain,
-            what_if=self.what_if,
-            csv_file=self.csv,
-            page=page,
-            as_json=self.json,
-        )
+        return run_replay(self.file, options, self.what_if)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,10 +13,10 @@ import sys
 import tempfile
 import time
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
@@ -28,7 +28,7 @@ from armguard.app.terminal import make_console, print_json
 from armguard.app.view_feed import MonitorFeed, Origin
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
-from armguard.recording.bags import BagRun
+from armguard.recording.bags import BagInputs, BagRun
 from armguard.recording.reading import Recording
 from armguard.recording.recorder import Recorder, check_new
 from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
@@ -90,6 +90,35 @@ class PageRequest(NamedTuple):
             check_export(self.export)
 
 
+class ReplayOptions(NamedTuple):
+    """How a recording is replayed, and what is made of it."""
+
+    speed: float | None = None
+    """How many times as fast as it was; None: as fast as possible."""
+    explain: str | None = None
+    """A time of the verdict that is to be explained; None: none is."""
+    csv_file: Path | None = None
+    """Where a table of all verdicts goes; "-" is standard output; None: nowhere."""
+    page: PageRequest | None = None
+    """Show the cell in a browser page; None: in none."""
+    as_json: bool = False
+    """Print one JSON object instead of words."""
+
+    def check(self, path: Path) -> None:
+        """Refuse files that cannot be written, or that would stand in the recording's place.
+
+        Raises:
+            ArmguardError: One is such a file.
+        """
+        check_table(self.csv_file, path)
+        if self.page is not None:
+            self.page.check()
+
+    def make_console(self) -> Console:
+        """What words are printed on; a table on standard output stays one."""
+        return make_console(stderr=self.csv_file == STANDARD_OUTPUT, soft_wrap=True)
+
+
 class Stop(NamedTuple):
     """One recorded STOP, from its first verdict to its last; times in [s] of the monitor."""
 
@@ -102,26 +131,13 @@ class Stop(NamedTuple):
     """Of these, how many are a STOP in the replay as well."""
 
 
-def run_replay(
-    path: Path,
-    *,
-    speed: float | None = None,
-    explain: str | None = None,
-    what_if: str | None = None,
-    csv_file: Path | None = None,
-    page: PageRequest | None = None,
-    as_json: bool = False,
-) -> int:
+def run_replay(path: Path, options: ReplayOptions, what_if: str | None = None) -> int:
     """Replay a recording and print what was found.
 
     Args:
         path: The recording.
-        speed: How many times as fast as it was; None: as fast as possible.
-        explain: A time of the verdict that is to be explained; None: none is.
+        options: How.
         what_if: Settings to be changed, as "latency=0.01,operating.velocity=0.3".
-        csv_file: Where a table of all verdicts goes; "-" is standard output.
-        page: Show the cell in a browser page; None: in none.
-        as_json: Print one JSON object instead of words.
 
     Returns:
         The exit code: 0, or 1 where verdicts differ or could not all be compared.
@@ -129,30 +145,21 @@ def run_replay(
     Raises:
         ArmguardError: The file or an argument is unusable.
     """
-    check_table(csv_file, path)
+    options.check(path)
     recording = Recording(path)
     changes = {} if what_if is None else read_changes(what_if)
-    if page is not None:
-        page.check()
+    if options.page is not None:
         check_drawable(str(recording.robot.get("name")))
     replay = Replay(recording, changes)
-    stops, watch, took = lead(
-        replay.monitor,
-        replay.ticks(),
-        speed=speed,
-        explain=explain,
-        csv_file=csv_file,
-        page=page,
-    )
+    stops, watch, took = lead(replay.monitor, replay.ticks(), options)
     report = replay.report()
-    if as_json:
+    if options.as_json:
         summary = summarise(report, stops, took, changes)
         if watch.found is not None:
             summary["explained"] = "\n".join(explain_tick(replay.monitor, watch))
         print_json(lambda: summary)
     else:
-        # A table on standard output stays one.
-        console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
+        console = options.make_console()
         if watch.found is not None:
             for line in explain_tick(replay.monitor, watch):
                 console.print(line)
@@ -168,33 +175,18 @@ def run_replay(
 def run_bag(
     path: Path,
     cell_file: Path,
-    topics: Sequence[str],
-    *,
-    radius: float | None = None,
-    snapshot: bool = False,
-    stamps: Literal["header", "recorded"] = "header",
+    inputs: BagInputs,
+    options: ReplayOptions,
     record: Path | None = None,
-    speed: float | None = None,
-    explain: str | None = None,
-    csv_file: Path | None = None,
-    page: PageRequest | None = None,
-    as_json: bool = False,
 ) -> int:
     """Lead a cell's monitor through a recording of others, and print what it said.
 
     Args:
         path: A rosbag2 folder or an MCAP file.
         cell_file: The cell.
-        topics: As `BagRun` takes them; so are the three that follow.
-        radius: Of what comes as poses alone, in [m].
-        snapshot: Whether each message shows all that its source sees.
-        stamps: Which times count.
+        inputs: What of it is input.
+        options: How.
         record: Where to write a recording of armguard's own; None: nowhere.
-        speed: As in `run_replay`; so are those that follow.
-        explain: The time of the verdict to be explained.
-        csv_file: Where a table of all verdicts goes.
-        page: Show the cell in a browser page; None: in none.
-        as_json: Print one JSON object instead of words.
 
     Returns:
         The exit code.
@@ -204,27 +196,17 @@ def run_bag(
     """
     if record is not None:
         check_new(record)
-    check_table(csv_file, path)
-    if page is not None:
-        page.check()
+    options.check(path)
     cell = Cell.load(cell_file)
     _, _, monitor = cell.build()
-    bag = BagRun(path, monitor, topics, radius=radius, snapshot=snapshot, stamps=stamps)
+    bag = BagRun(path, monitor, inputs)
     with contextlib.ExitStack() as resources:
         if record is not None:
             recorder = resources.enter_context(Recorder(record, monitor))
-        stops, watch, took = lead(
-            monitor,
-            bag.ticks(),
-            speed=speed,
-            explain=explain,
-            csv_file=csv_file,
-            page=page,
-            urdf=cell.urdf,
-        )
+        stops, watch, took = lead(monitor, bag.ticks(), options, cell.urdf)
         problem = recorder.close() if record is not None else ""
     explained = explain_tick(monitor, watch)
-    if as_json:
+    if options.as_json:
         summary: dict[str, Any] = {
             "ticks": stops.ticks,
             "seconds": stops.seconds,
@@ -236,7 +218,7 @@ def run_bag(
             summary["explained"] = "\n".join(explained)
         print_json(lambda: summary)
     else:
-        console = make_console(stderr=csv_file == STANDARD_OUTPUT, soft_wrap=True)
+        console = options.make_console()
         lines = explained or [
             f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
         ]
@@ -255,11 +237,7 @@ def run_bag(
 def lead(
     monitor: Monitor,
     ticks: Iterator[ReplayedTick],
-    *,
-    speed: float | None,
-    explain: str | None,
-    csv_file: Path | None,
-    page: PageRequest | None,
+    options: ReplayOptions,
     urdf: tuple[str, list[str]] = ("", []),
 ) -> tuple[StopList, Watch, float]:
     """Take all ticks, or those up to the one that is to be explained.
@@ -267,10 +245,7 @@ def lead(
     Args:
         monitor: What gives them.
         ticks: Makes the next when it is asked for.
-        speed: As in `run_replay`; so are those that follow.
-        explain: The time of the verdict to be explained.
-        csv_file: Where a table of all verdicts goes.
-        page: Show the cell in a browser page; None: in none.
+        options: How.
         urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
             knows.
 
@@ -280,24 +255,26 @@ def lead(
     Raises:
         ArmguardError: There is no verdict at the time that is to be explained.
     """
-    stops, watch = StopList(), Watch(explain)
-    pace = Pace(speed)
+    stops, watch = StopList(), Watch(options.explain)
+    pace = Pace(options.speed)
     begin = time.monotonic()
     with contextlib.ExitStack() as resources:
         observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
-        if csv_file is not None:
-            observers.append(resources.enter_context(open_table(csv_file)))
-        if page is not None:
-            observers.append(resources.enter_context(show_page(monitor, urdf, page)))
+        if options.csv_file is not None:
+            observers.append(resources.enter_context(open_table(options.csv_file)))
+        if options.page is not None:
+            observers.append(resources.enter_context(show_page(monitor, urdf, options.page)))
         for tick in ticks:
             pace.wait(tick.nanoseconds)
             for observe in observers:
                 observe(tick)
             if watch.found is not None:
                 break
-    if explain is not None and watch.found is None:
+    if options.explain is not None and watch.found is None:
         raise ArmguardError(
-            "--explain", f"is {explain}", expected=f"a time from {watch.first} to {watch.last}"
+            "--explain",
+            f"is {options.explain}",
+            expected=f"a time from {watch.first} to {watch.last}",
         )
     return stops, watch, time.monotonic() - begin
 

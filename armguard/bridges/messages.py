@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.messages.batch import ObstacleBatch
 from armguard.obstacles.obstacles import WORLD
 from armguard.robot.robot import Robot
 
@@ -64,16 +65,6 @@ class Shown(NamedTuple):
     bodies: list[Body]
 
 
-class Rows(NamedTuple):
-    """Bodies of as many points each: what one call of `Obstacles.update` takes."""
-
-    ids: list[str]
-    position: Array
-    """[m]. Shape (n, k, 3)."""
-    radius: Array
-    """[m]. Shape (n,)."""
-
-
 class ObstacleReader:
     """Reads the messages of one topic as bodies.
 
@@ -99,8 +90,7 @@ class ObstacleReader:
             raise ArmguardError(
                 self._offender, f"is of type {kind!r}", expected=f"one of {', '.join(OBSTACLES)}"
             )
-        if radius is not None and not 0.0 <= radius < math.inf:
-            raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
+        check_radius(radius)
         if kind in WITHOUT_SIZES and radius is None:
             raise ArmguardError(
                 self._offender, "has poses without sizes", remedy="give --radius in metres"
@@ -198,7 +188,7 @@ class ObstacleReader:
         groups: dict[tuple[str, int], Shown] = {}
         for header, bodies in markers:
             stamp = 0 if self._snapshot else _read_nanoseconds(header)
-            key = str(header.frame_id).strip("/") or WORLD, stamp
+            key = read_frame(header), stamp
             groups.setdefault(key, Shown(header, [])).bodies.extend(bodies)
         if self._snapshot and len(groups) > 1:
             raise ArmguardError(
@@ -240,14 +230,32 @@ class ObstacleReader:
         )
 
 
-def group_bodies(bodies: list[Body], *, snapshot: bool) -> list[Rows]:
-    """Bodies in groups of as many points each; one group, if only an empty one, where it is whole.
+def check_radius(radius: float | None) -> None:
+    """Refuse what is no radius of bodies without sizes.
+
+    Raises:
+        ArmguardError: It is no number of metres, or negative.
+    """
+    if radius is not None and not 0.0 <= radius < math.inf:
+        raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
+
+
+def read_frame(header: Any) -> str:
+    """The frame that a header names; the world where it names none."""
+    return str(header.frame_id).strip("/") or WORLD
+
+
+def make_batches(shown: Shown, source: str, stamp: float, *, snapshot: bool) -> list[ObstacleBatch]:
+    """Bodies in batches of as many points each; one batch, if only an empty one, where it is whole.
 
     Args:
-        bodies: In one frame.
-        snapshot: Whether they are all that there is: then they go in one call, and the last point
+        shown: In one frame.
+        source: Who saw them.
+        stamp: When, in [s].
+        snapshot: Whether they are all that there is: then they go in one batch, and the last point
             of those with fewer is repeated, which changes no hull.
     """
+    bodies, frame = shown.bodies, read_frame(shown.header)
     counts = sorted({len(body.points) for body in bodies}) or [1]
     if snapshot and len(counts) > 1:
         most = counts[-1]
@@ -257,13 +265,15 @@ def group_bodies(bodies: list[Body], *, snapshot: bool) -> list[Rows]:
             for body in bodies
         ]
         counts = [most]
-    groups = []
+    batches = []
     for count in counts:
         chosen = [body for body in bodies if len(body.points) == count]
         position = np.array([body.points for body in chosen]).reshape(-1, count, 3)
         radius = np.array([body.radius for body in chosen], dtype=np.float64)
-        groups.append(Rows([body.id for body in chosen], position, radius))
-    return groups
+        ids = [body.id for body in chosen]
+        told = position, None, radius, None, None, 0.0, 0.0
+        batches.append(ObstacleBatch(ids, stamp, *told, source, frame, snapshot))
+    return batches
 
 
 class JointStateReader:

@@ -24,7 +24,7 @@ from armguard.bridges.messages import (
     JointStateReader,
     ObstacleReader,
     Shown,
-    group_bodies,
+    make_batches,
     read_length,
     read_pose,
 )
@@ -289,19 +289,12 @@ class Ros2Cell:
 
     def _update(self, source: str, shown: Shown) -> None:
         stamp = self._read_stamp(shown.header)
-        frame = str(shown.header.frame_id).strip("/") or WORLD
-        for ids, position, radius in group_bodies(shown.bodies, snapshot=self._snapshot):
-            points, goal, error = self._transforms.lead(position, frame, stamp, self._goals)
-            self._monitor.obstacles.update(
-                ids,
-                stamp,
-                points,
-                radius=radius,
-                position_error=error,
-                source=source,
-                frame=goal,
-                snapshot=self._snapshot,
+        for batch in make_batches(shown, source, stamp, snapshot=self._snapshot):
+            points, goal, error = self._transforms.lead(
+                batch.position, batch.frame, stamp, self._goals
             )
+            batch = batch._replace(position=points, position_error=error, frame=goal)
+            self._monitor.obstacles.update(*batch)
 
     def _read_stamp(self, header: Any) -> float:
         nanoseconds = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)

@@ -16,23 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError
+from armguard.messages.answers import VerdictMessage
+from armguard.messages.events import StaticObstacle
+from armguard.messages.incoming import IgnoreMessage, WatchMessage
 from armguard.monitor.trial import TrialTick
-from armguard.recording.events import (
-    BodiesChanged,
-    Event,
-    JointState,
-    PairIgnored,
-    PairWatched,
-    Payload,
-    PlanAsked,
-    StaticObstacle,
-    VerdictTold,
-)
-from armguard.recording.inputs import restore_plan, restore_state
+from armguard.recording.events import BodiesChanged, Event, JointState, MalformedState
+from armguard.recording.inputs import restore_state
 from armguard.recording.reading import Recording
-from armguard.recording.replay import apply_event
+from armguard.recording.replay import UNREADABLE, apply_event
 from armguard.robot.robot import Robot
 
 SECONDS = 4.0
@@ -87,12 +79,11 @@ def _take_in_time(recording: Recording, rate: float) -> Iterator[tuple[bool, int
     due = -math.inf
     for nanoseconds, event, _ in recording.events():
         is_tick = False
-        if isinstance(event, JointState):
-            now = float(event.now)
+        if isinstance(event, JointState | MalformedState):
             # Of times that go back, or are none, a monitor is told as it was.
-            is_tick = not due - 2.0 / rate <= now < due
+            is_tick = not due - 2.0 / rate <= event.now < due
             if is_tick:
-                due = now + (1.0 - EARLY) / rate
+                due = event.now + (1.0 - EARLY) / rate
         yield is_tick, nanoseconds, event
 
 
@@ -104,7 +95,7 @@ def _count_changes(recording: Recording, rate: float) -> list[int]:
         if is_tick:
             changes.append(0)
             is_pending = True
-        elif isinstance(event, VerdictTold) and is_pending:
+        elif isinstance(event, VerdictMessage) and is_pending:
             is_pending = False
             changes[-1] = int(level not in ("", event.level))
             level = event.level
@@ -117,7 +108,7 @@ def _collect(recording: Recording, rate: float, begin: int, end: int) -> list[Tr
     told: deque[tuple[int, Event]] = deque()
     number = 0
     for is_tick, nanoseconds, event in _take_in_time(recording, rate):
-        if isinstance(event, JointState):
+        if isinstance(event, JointState | MalformedState):
             if is_tick and number >= begin:
                 events = [each for _, each in told]
                 told.clear()
@@ -128,7 +119,7 @@ def _collect(recording: Recording, rate: float, begin: int, end: int) -> list[Tr
                 break
         # All pairs are tried, so that no choice rests on contact that was wanted then.
         elif not isinstance(
-            event, VerdictTold | StaticObstacle | BodiesChanged | PairIgnored | PairWatched
+            event, VerdictMessage | StaticObstacle | BodiesChanged | IgnoreMessage | WatchMessage
         ):
             told.append((nanoseconds, event))
             while number < begin and nanoseconds - told[0][0] > 1e9 * BEFORE:
@@ -136,10 +127,10 @@ def _collect(recording: Recording, rate: float, begin: int, end: int) -> list[Tr
     return ticks
 
 
-def _make_tick(recording: Recording, event: JointState, tell: Any) -> TrialTick:
+def _make_tick(recording: Recording, event: JointState | MalformedState, tell: Any) -> TrialTick:
     try:
         stamp, q, v, now = restore_state(event)
-    except (ValueError, TypeError) as error:
+    except UNREADABLE as error:
         raise ArmguardError(
             str(recording.path), f"has a JointState that cannot be tried ({error})"
         ) from None
@@ -150,13 +141,7 @@ def _tell(path: str, events: Sequence[Event], monitor: Any) -> None:
     """Tell a monitor what was recorded."""
     for event in events:
         try:
-            if isinstance(event, Payload):
-                monitor.payload = float(event.payload)
-            elif isinstance(event, PlanAsked):
-                if monitor.settings.motion == PLANNED:
-                    monitor.commit(restore_plan(event))
-            else:
-                apply_event(monitor, event)
-        except (ArmguardError, ValueError, KeyError, TypeError, IndexError) as error:
+            apply_event(monitor, event)
+        except (ArmguardError, *UNREADABLE) as error:
             kind = type(event).__name__
             raise ArmguardError(path, f"has a {kind} that cannot be tried here ({error})") from None

@@ -29,15 +29,18 @@ UNIX_LEAD = 1e9
 
 
 def read_joint_vectors(
-    q: ArrayLike, v: ArrayLike, joints: int
+    q: ArrayLike | Reason, v: ArrayLike, joints: int
 ) -> tuple[FloatArray, FloatArray] | Reason:
     """Plain arrays of whatever was given for positions and velocities, or what is wrong.
 
     Args:
-        q: Joint positions, [rad] or [m]; expected of shape (nv,).
+        q: Joint positions, [rad] or [m]; expected of shape (nv,). A reason stands for what was
+            refused for it.
         v: Joint velocities, [rad/s] or [m/s]; expected of shape (nv,).
         joints: How many joints there are, nv.
     """
+    if isinstance(q, Reason):
+        return q
     read_q = _read_vector("q", q, joints)
     if isinstance(read_q, Reason):
         return read_q

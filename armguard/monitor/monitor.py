@@ -21,13 +21,15 @@ from numpy.typing import ArrayLike
 from armguard.bounds.operating_history import UNKEPT, OperatingHistory
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+from armguard.messages.events import Payload
+from armguard.messages.incoming import Message, ResetMessage, WatchMessage
+from armguard.messages.journal import Journal
 from armguard.monitor.joint_reasons import (
     describe_refusal,
     describe_runaway,
     describe_unbraked,
     read_joint_vectors,
 )
-from armguard.monitor.journal import MonitorJournal
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
@@ -160,7 +162,7 @@ class Monitor:
         **removed: Never,
     ) -> None:
         refuse_settings(removed)
-        self.journal: MonitorJournal | None = None
+        self.journal: Journal | None = None
         self.choice: Choice | None = None
         settings = read_settings(
             robot,
@@ -339,8 +341,7 @@ class Monitor:
         self._in_force.load(payload)
         if self._in_force.payload != before:
             self._reloaded = True
-        if self.journal is not None:
-            self.journal.note_payload(self._in_force.payload)
+        self._note(Payload(payload=self._in_force.payload))
 
     @property
     def joint_velocities(self) -> FloatArray:
@@ -414,8 +415,7 @@ class Monitor:
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """
-        if self.journal is not None:
-            self.journal.note_reset()
+        self._note(ResetMessage(""))
         self._rule.reset()
         self._states.reset()
         if self._operating is not None:
@@ -496,8 +496,7 @@ class Monitor:
                 left to watch; then nothing has changed.
         """
         exemption = self._exemptions.add(link, ids, source, until=until, zone=zone, now=self._now)
-        if self.journal is not None:
-            self.journal.note_exemption(exemption)
+        self._note(exemption.to_message())
         return exemption.number
 
     def watch(self, number: int) -> None:
@@ -510,8 +509,7 @@ class Monitor:
             ArmguardError: It returned no such number.
         """
         self._exemptions.end(number)
-        if self.journal is not None:
-            self.journal.note_exemption_end(int(number))
+        self._note(WatchMessage(int(number)))
 
     @property
     def exemptions(self) -> tuple[Exemption, ...]:
@@ -723,6 +721,11 @@ class Monitor:
             )
         )
         return verdict
+
+    def _note(self, message: Message) -> None:
+        """Give a message to the journal, if there is one."""
+        if self.journal is not None:
+            self.journal.note_message(message)
 
     def _find_pieces(self, method: str) -> CommittedPieces:
         if self._judge.pieces is None:

@@ -24,27 +24,6 @@ LEAST_ROOM = 64
 """Samples of balls that there is room for at the least."""
 
 
-class ToldSamples(NamedTuple):
-    """One call's samples as a journal is told them; the next call overwrites the arrays."""
-
-    point_count: int
-    """Points of each."""
-    points: FloatArray
-    """[m]. Shape (rows, point_count, 3)."""
-    velocities: FloatArray
-    """[m/s]. Shape (rows, point_count, 3)."""
-    radius: FloatArray | float
-    """[m]; a number holds for all, as it does below. Shape (rows,)."""
-    accel: FloatArray | float
-    """[m/s²]. Shape (rows,)."""
-    speed: FloatArray | float
-    """[m/s]. Shape (rows,)."""
-    position_error: FloatArray | float
-    """[m]. Shape (rows,)."""
-    velocity_error: FloatArray | float
-    """[m/s]. Shape (rows,)."""
-
-
 class Frames(NamedTuple):
     """The frames F that messages may refer to, by number: p_W = R_WF p_F + p_WF."""
 
@@ -149,20 +128,23 @@ class MessageMemory:
         if velocities is not None:
             places[1][...] = velocities
 
-    def tell_samples(self, count: int, each: int, *numbers: float) -> ToldSamples:
-        """The message that was read, for a journal.
+    def list_samples(self, count: int, each: int, *numbers: float) -> tuple[Any, ...]:
+        """The samples of the message that was read, until the next one is.
 
         Args:
             count: Of its samples.
             each: Of which fields there is one number for each sample, a bit for each of `FIELDS`.
             numbers: The others, in the order of `FIELDS`.
+
+        Returns:
+            Points, velocities, and each of `FIELDS` as one number or an array.
         """
         fields: list[Any] = list(numbers)
         if each:
             for i, own in enumerate(self.fields):
                 if each >> i & 1:
                     fields[i] = own[:count]
-        return ToldSamples(self.points_each, *self._hulls, *fields)
+        return (*self._hulls, *fields)
 
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""

@@ -20,6 +20,9 @@ from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
+from armguard.messages.batch import ObstacleBatch
+from armguard.messages.events import DroppedPoints, MalformedCall, PromiseBroken, StaticObstacle
+from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
     is_same,
@@ -43,10 +46,10 @@ from armguard.obstacles.clouds import (
 )
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.journal import ObstacleSettings
 from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
+from armguard.obstacles.settings import ObstacleSettings
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
 from armguard.obstacles.told_frames import ToldFrames
 
@@ -250,17 +253,22 @@ class Obstacles(ObstacleRegister):
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         if self.journal is not None:
-            self.journal.note_update(
+            points, velocities, *fields = self._memory.list_samples(count, *numbers)
+            batch = ObstacleBatch(
                 names,
                 time,
-                self._memory.tell_samples(count, *numbers),
-                has_velocity=velocity is not None,
-                has_accel=accel is not None,
-                has_speed=speed is not None,
-                source=source,
-                frame=frame,
-                snapshot=bool(snapshot),
+                points,
+                None if velocity is None else velocities,
+                fields[0],
+                None if accel is None else fields[1],
+                None if speed is None else fields[2],
+                fields[3],
+                fields[4],
+                source,
+                frame,
+                bool(snapshot),
             )
+            self.journal.note_update(batch)
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
@@ -459,8 +467,7 @@ class Obstacles(ObstacleRegister):
             points: How many it had.
             dropped: How many of them were left out.
         """
-        if self.journal is not None:
-            self.journal.note_points(source, stamp, points, dropped)
+        self._note(DroppedPoints(source=source, stamp=stamp, points=points, dropped=dropped))
         state = self._sources.find(source)
         if state is not None:
             self._sources.count_points(state, stamp, points, dropped)
@@ -578,8 +585,7 @@ class Obstacles(ObstacleRegister):
             row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
-        if self.journal is not None:
-            self.journal.note_static(name, points, size)
+        self._note(StaticObstacle(id=name, position=points.tobytes(), radius=size))
         self.table.place_static(row, points, size)
 
     def add_entrance(
@@ -649,8 +655,10 @@ class Obstacles(ObstacleRegister):
             row = self._take_place(name)
         except ObstacleError as error:
             raise self._leave_malformed(error, "", math.nan) from None
-        if self.journal is not None:
-            self.journal.note_entrance(name, points, size, pace, rate)
+        place = StaticObstacle(
+            id=name, position=points.tobytes(), radius=size, speed=pace, accel=rate
+        )
+        self._note(place)
         self.table.place_entrance(row, points, size, rate, pace)
 
     def _read_place(
@@ -708,8 +716,7 @@ class Obstacles(ObstacleRegister):
                 self._check_source(source)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        if self.journal is not None:
-            self.journal.note_removal(names, time, source)
+        self._note(RemoveMessage(names, math.nan if time is None else time, source or ""))
         state = None if source is None else self._sources.find(source)
         if source is not None and time is not None:
             state = self._sources.hear(source, time)
@@ -795,8 +802,8 @@ class Obstacles(ObstacleRegister):
             problem: What was wrong with it.
             stamp: Of the call, in [s]; NaN where it had none.
         """
-        if self.journal is not None:
-            self.journal.note_malformed(source, offender, problem, stamp)
+        call = MalformedCall(source=source, offender=offender, problem=problem, stamp=stamp)
+        self._note(call)
         self._faults.leave(FaultKind.MALFORMED, source, "", offender, problem, stamp)
 
     def leave_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
@@ -808,8 +815,7 @@ class Obstacles(ObstacleRegister):
             problem: What it did, and by how much.
             stamp: Of the joint state that shows it, in [s].
         """
-        if self.journal is not None:
-            self.journal.note_broken(source, joint, problem, stamp)
+        self._note(PromiseBroken(source=source, joint=joint, problem=problem, stamp=stamp))
         self._faults.leave(FaultKind.PROMISE_BROKEN, source, "", joint, problem, stamp)
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:

@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ObstacleError
 from armguard.jit.arrays import IntArray
+from armguard.messages.events import FaultsTaken
+from armguard.messages.incoming import Message
+from armguard.messages.journal import Journal
 from armguard.obstacles.faults import Fault, FaultQueue, Unplaced
-from armguard.obstacles.journal import ObstacleJournal
 from armguard.obstacles.possible_states import distrust, forget_expired, list_states
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
@@ -52,7 +54,7 @@ class ObstacleRegister:
         journal: Is told each call that changes the table; None: nothing is. Copies have none.
     """
 
-    journal: ObstacleJournal | None = None
+    journal: Journal | None = None
 
     def __init__(self, sources: Iterable[str | Source]) -> None:
         if isinstance(sources, str):
@@ -299,9 +301,13 @@ class ObstacleRegister:
 
     def take_faults(self) -> list[Fault]:
         """What was refused since the last call, oldest first."""
-        if self.journal is not None:
-            self.journal.note_faults_taken()
+        self._note(FaultsTaken())
         return self._faults.take()
+
+    def _note(self, message: Message) -> None:
+        """Give a message to the journal, if there is one."""
+        if self.journal is not None:
+            self.journal.note_message(message)
 
     def take_dropped_faults(self) -> int:
         """How many faults found no room since the last call: too many came between two steps."""

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.numerics import TIME_ROUNDING
+from armguard.messages.incoming import IgnoreMessage
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.ignored import ANY, IgnoredPair, IgnoredPairs
 from armguard.pairs.zone import Zone, find_staying, read_zone
@@ -59,6 +60,19 @@ class Exemption(NamedTuple):
             self.pair.ids if self.pair.source is None else f"{self.pair.ids} of {self.pair.source}"
         )
         return f"{link} and {ids}"
+
+    def to_message(self) -> IgnoreMessage:
+        """The message that asks for it, without a token."""
+        link, ids, source = self.pair
+        return IgnoreMessage(
+            self.number,
+            "",
+            link,
+            ids,
+            source,
+            None if self.until == math.inf else self.until,
+            None if self.zone is None else self.zone.points.tobytes(),
+        )
 
 
 class State(NamedTuple):

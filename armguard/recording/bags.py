@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from armguard.bridges.messages import (
     JOINTS,
@@ -20,7 +19,9 @@ from armguard.bridges.messages import (
     JointStateReader,
     ObstacleReader,
     Shown,
-    group_bodies,
+    check_radius,
+    make_batches,
+    read_frame,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -33,6 +34,20 @@ FARTHEST_STAMP = 10.0
 """A stamp that is farther from when its message was recorded, in [s], is of another clock."""
 
 
+class BagInputs(NamedTuple):
+    """What of a recording of others is input, and how it is read."""
+
+    topics: Sequence[str]
+    """Each as "/topic" or "source=/topic": one of joint states, and any number of obstacles. A
+    source that is not named has the name of its topic."""
+    radius: float | None = None
+    """Of what comes as poses alone, in [m]; None: such topics are refused."""
+    snapshot: bool = False
+    """Whether each message shows all that its source sees, so that what is absent is removed."""
+    stamps: Literal["header", "recorded"] = "header"
+    """Whether states were measured when their headers say, or when they were recorded."""
+
+
 class BagRun:
     """Leads a monitor through a recording of others.
 
@@ -41,38 +56,23 @@ class BagRun:
     Args:
         path: A rosbag2 folder, or one of its files, or an MCAP file of ROS 2 messages.
         monitor: Is stepped; its table is written.
-        topics: Those that are input, each as "/topic" or "source=/topic": one of joint states,
-            and any number of obstacles. A source that is not named has the name of its topic.
-        radius: Of what comes as poses alone, in [m]; None: such topics are refused.
-        snapshot: Whether each message shows all that its source sees, so that what is absent is
-            removed.
-        stamps: Whether states were measured when their headers say, or when they were recorded.
+        inputs: What of it is input.
 
     Raises:
         ArmguardError: The recording cannot be read, lacks a topic, or has it in a type that is no
             input, or the package for it is missing.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        monitor: Monitor,
-        topics: Sequence[str],
-        *,
-        radius: float | None = None,
-        snapshot: bool = False,
-        stamps: Literal["header", "recorded"] = "header",
-    ) -> None:
+    def __init__(self, path: str | Path, monitor: Monitor, inputs: BagInputs) -> None:
         if importlib.util.find_spec("rosbags") is None:
             raise ArmguardError(
                 "recordings of others",
                 "need the package rosbags, which is not installed",
                 remedy="pip install 'armguard[record]'",
             )
-        if radius is not None and not 0.0 <= radius < math.inf:
-            raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
+        topics, radius, snapshot, _ = self._inputs = inputs
+        check_radius(radius)
         self._path, self._monitor = Path(path), monitor
-        self._radius, self._snapshot, self._stamps = radius, snapshot, stamps
         self._sources = {}
         for topic in topics:
             source, equals, name = topic.rpartition("=")
@@ -171,7 +171,7 @@ class BagRun:
                     f"is of type {types[topic]!r}",
                     expected=f"one of {', '.join(KINDS)}",
                 )
-            if types[topic] in WITHOUT_SIZES and self._radius is None:
+            if types[topic] in WITHOUT_SIZES and self._inputs.radius is None:
                 raise self._refuse(
                     f"topic {topic!r}", "has poses without sizes", remedy="give --radius in metres"
                 )
@@ -207,7 +207,7 @@ class BagRun:
         return (nanoseconds - self._start) * 1e-9
 
     def _read_stamp(self, topic: str, header: Any, now: float) -> float:
-        if self._stamps == "recorded":
+        if self._inputs.stamps == "recorded":
             return now
         nanoseconds = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
         stamp = self._to_seconds(nanoseconds)
@@ -231,7 +231,7 @@ class BagRun:
             self._update(topic, source, one, now)
 
     def _update(self, topic: str, source: str, shown: Shown, now: float) -> None:
-        frame = str(shown.header.frame_id).strip("/") or "world"
+        frame = read_frame(shown.header)
         if frame not in self._frames:
             raise self._refuse(
                 f"topic {topic!r}",
@@ -240,18 +240,9 @@ class BagRun:
                 remedy="name it in [frames] of the cell file",
             )
         stamp = self._read_stamp(topic, shown.header, now)
-        update: Callable[..., None] = self._monitor.obstacles.update
-        for ids, position, radius in group_bodies(shown.bodies, snapshot=self._snapshot):
+        for batch in make_batches(shown, source, stamp, snapshot=self._inputs.snapshot):
             try:
-                update(
-                    ids,
-                    stamp,
-                    position,
-                    radius=radius,
-                    source=source,
-                    frame=frame,
-                    snapshot=self._snapshot,
-                )
+                self._monitor.obstacles.update(*batch)
             except ArmguardError as error:
                 raise self._refuse(f"topic {topic!r}", str(error)) from None
 

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from armguard.exceptions import ArmguardError
-from armguard.recording.events import FORMAT, KINDS, PREFIX, TOPICS, Event
+from armguard.recording.events import FORMAT, PREFIX, TOPICS, Event
+from armguard.recording.json_form import read_json
 from armguard.recording.recorder import check_installed
 
 LONGEST_RECORD = 256 * 1024 * 1024
@@ -26,9 +27,6 @@ MAGIC = b"\x89MCAP0\r\n"
 
 _FRAME = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-
-_REMOVED = {b'"path_time"': "path times", b'"ask":"follow"': "trajectories to follow"}
-"""What only messages of format 1 have in them, and what that is."""
 
 _KINDS = {PREFIX + topic: kind for kind, topic in TOPICS.items()}
 
@@ -100,45 +98,35 @@ class Recording:
         Raises:
             ArmguardError: One of them is not as this version writes it.
         """
-        decoders = {kind: msgspec.json.Decoder(kind) for kind in KINDS}
-        channels: dict[int, msgspec.json.Decoder[Any] | None] = {}
+        channels: dict[int, type[Event] | None] = {}
         for name, record in self._read_records():
             if name == "channel":
                 number, topic = record
-                kind = _KINDS.get(topic)
-                channels[number] = None if kind is None else decoders[kind]
+                channels[number] = _KINDS.get(topic)
             elif name == "message":
                 number, nanoseconds, data = record
-                decoder = channels.get(number)
-                if decoder is None:
+                kind = channels.get(number)
+                if kind is None:
                     continue
                 try:
-                    event = decoder.decode(data)
+                    event = read_json(kind, data)
                 except ValueError as error:
-                    raise self._refuse(data, error) from None
+                    raise ArmguardError(
+                        str(self.path), f"has a message that cannot be read ({error})"
+                    ) from None
                 yield TimedEvent(nanoseconds, event, data)
-
-    def _refuse(self, data: bytes, error: ValueError) -> ArmguardError:
-        """Why a message cannot be read."""
-        for mark, removed in _REMOVED.items():
-            if mark in data:
-                return ArmguardError(
-                    str(self.path),
-                    f"holds {removed}",
-                    expected="committed pieces (Monitor.commit), which replace them",
-                    remedy="replay it with the version that wrote it",
-                )
-        return ArmguardError(str(self.path), f"has a message that cannot be read ({error})")
 
     def _check_format(self, found: str) -> None:
         if not found.isdecimal():
             raise ArmguardError(str(self.path), f"has format {found!r}", expected="a number")
-        if int(found) > FORMAT:
+        if int(found) != FORMAT:
+            version = self.provenance.get("armguard", "unknown")
+            age = "a newer" if int(found) > FORMAT else "an older"
             raise ArmguardError(
                 str(self.path),
-                f"is of a newer version of armguard (format {found})",
-                expected=f"format {FORMAT} or older",
-                remedy="replay it with that version",
+                f"is of {age} version of armguard (format {found})",
+                expected=f"format {FORMAT}",
+                remedy=f"replay it with the version that wrote it, armguard {version}",
             )
 
     def _read_records(self) -> Iterator[tuple[str, Any]]:

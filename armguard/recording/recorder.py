@@ -16,62 +16,35 @@ import sys
 import time
 import warnings
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import msgspec
 import numpy as np
-from msgspec import UNSET
 
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import FloatArray
+from armguard.messages.answers import to_plan_message, to_verdict_message
+from armguard.messages.batch import ObstacleBatch, pack_batch
+from armguard.messages.events import FaultsTaken, Payload, StaticObstacle
 from armguard.monitor.monitor import Monitor
-from armguard.obstacles.message import ToldSamples
-from armguard.pairs.exemptions import Exemption
 from armguard.recording.events import (
     FORMAT,
-    BodiesChanged,
-    DroppedPoints,
-    FaultsTaken,
-    Gap,
-    JointState,
-    LinkTold,
-    Log,
-    MalformedCall,
-    PairWatched,
-    Payload,
-    PromiseBroken,
-    Removal,
-    Reset,
-    StaticObstacle,
-    Time,
-    encode,
-    tell_answer,
-    tell_exemption,
-)
-from armguard.recording.inputs import tell_plan, tell_state
-from armguard.recording.packing import (
-    ATTACHED,
-    FRAME,
-    HEADED,
-    NOTED,
     NUMBERS,
-    Heading,
-    ToldState,
-    ToldUpdate,
-    ToldVerdict,
-    pack_body,
-    pack_plain,
-    pack_state,
-    pack_update,
-    pack_verdict,
+    BodiesChanged,
+    Event,
+    Gap,
+    Link,
+    Log,
+    Time,
 )
+from armguard.recording.inputs import make_plan, make_state
+from armguard.recording.packing import ATTACHED, NOTED, pack_record
 from armguard.recording.provenance import describe_provenance
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.settings import describe_settings
-from armguard.robot.portable import describe_bodies, describe_robot, write_number, write_numbers
+from armguard.robot.portable import describe_bodies, describe_robot
 from armguard.verdict import PlanVerdict, Verdict
 
 CAPACITY = 32 * 1024 * 1024
@@ -89,8 +62,9 @@ STUCK_TIMEOUT = 10.0
 MOST_PENDING = 1000
 """What is left to be written when there is time; where more comes in one tick, it is written."""
 
-MOST_IDS = 10_000
-"""Ids that are remembered to have been told; then all are told anew."""
+
+_Entry = tuple[int, Callable[..., Event], tuple[Any, ...]]
+"""When a message came, in [ns] since 1970, what makes it, and of what."""
 
 
 class Recorder:
@@ -121,18 +95,15 @@ class Recorder:
         check_installed()
         _check_untouched(monitor)
         self._monitor, self._robot = monitor, monitor.robot
-        self._shape = (len(monitor.robot.joints),)
+        self._joints = list(monitor.robot.joints)
+        self._plans = 0
         self._clock_offset = time.time_ns() - time.monotonic_ns()
         self._stepping = False
         self._defers = False
-        self._pending: deque[ToldState | ToldVerdict | ToldUpdate | bytes] = deque()
+        self._pending: deque[_Entry] = deque()
         """What is still to be written, in order."""
         self._is_tick_left = False
         """Whether a whole tick is among it."""
-        self._headings: dict[tuple[int, str, str], tuple[int, Heading]] = {}
-        """What messages have in common and was told, with its number; by which list of ids it is,
-        whatever it holds: the heading keeps that list, so no other one is taken for it."""
-        self._heading_ids = 0
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
@@ -156,8 +127,8 @@ class Recorder:
         finally:
             os.close(file)
             os.close(memory)
-        for number, data in start:
-            self._send(number, data)
+        for kind, content in start:
+            self._write(pack_record(kind, self._now(), content))
         if self.lost:
             self.close()
             raise ArmguardError(
@@ -165,19 +136,19 @@ class Recorder:
             )
         self._known_links = monitor.robot.links
         self._revision = monitor.robot.revision
-        for event in _list_statics(monitor):
-            self._tell(event)
+        for place in _list_statics(monitor):
+            self.note_message(place)
         if monitor.payload != monitor.settings.payload:
-            self.note_payload(monitor.payload)
+            self.note_message(Payload(payload=monitor.payload))
         for exemption in monitor.exemptions:
-            self.note_exemption(exemption)
+            self.note_message(exemption.to_message())
         monitor.journal = monitor.obstacles.journal = self
 
     def note(self, text: str) -> None:
         """Write a line for people, as of the present."""
         now = time.time_ns()
         timestamp = Time(now // 1_000_000_000, now % 1_000_000_000)
-        self._tell(Log(timestamp=timestamp, level=3, message=text))
+        self.note_message(Log(timestamp=timestamp, level=3, message=text))
 
     def find_trouble(self) -> str:
         """What keeps the file from being written at present, in words; empty: nothing.
@@ -245,42 +216,27 @@ class Recorder:
         if problem:
             warnings.warn(problem, RuntimeWarning, stacklevel=2)
 
-    # What a monitor tells; see `armguard.monitor.journal`.
+    # What a monitor and its table give; see `armguard.messages.journal`.
 
     def note_state(self, stamp: object, q: Any, v: Any, now: object) -> None:
-        """As `MonitorJournal` says."""
+        """As `Journal` says."""
         self._stepping = True
-        try:
-            if self._is_tick_left:
-                self.write_pending()
-            if self._robot.revision != self._revision:
-                self._tell_bodies()
-            state = ToldState(self._now(), stamp, q, v, now)
-            if self._defers:
-                self._pending.append(state)
-            else:
-                self._put(self._pack(state))
-        except Exception:
-            # A recorder must not hurt the loop: what cannot be recorded is a gap.
-            self._lose()
+        if self._is_tick_left:
+            self.write_pending()
+        if self._robot.revision != self._revision:
+            self._note_at_once(self._describe_bodies)
+        self._note(make_state, self._joints, stamp, q, v, now)
 
     def note_verdict(self, verdict: Verdict) -> None:
-        """As `MonitorJournal` says; also of what is told while there is no joint state to judge."""
+        """As `Journal` says; also of what is given while there is no joint state to judge."""
         self._stepping = False
-        try:
-            if self._is_tick_left:
-                self.write_pending()
-            told = ToldVerdict(self._now(), verdict)
-            if self._defers:
-                self._pending.append(told)
-                self._is_tick_left = True
-            else:
-                self._put(self._pack(told))
-        except Exception:
-            self._lose()
+        if self._is_tick_left:
+            self.write_pending()
+        self._is_tick_left = self._defers
+        self._note(to_verdict_message, verdict)
 
     def defer(self) -> None:
-        """Leave what is told to `write_pending`, which a loop calls when it has time to spare.
+        """Leave writing to `write_pending`, which a loop calls when it has time to spare.
 
         So recording takes no time of its ticks. What a loop could not write in time is written in
         its next tick. If it is killed in the middle of a tick, that tick is not in the file. Arrays
@@ -292,120 +248,27 @@ class Recorder:
         """Write what was left; the loop has time to spare."""
         self._is_tick_left = False
         while self._pending:
-            told = self._pending.popleft()
-            try:
-                self._put(told if isinstance(told, bytes) else self._pack(told))
-            except Exception:
-                self._lose()
-            except BaseException:
-                # Ctrl-C: whether it is in the file is not known, and twice would be worse than not.
-                self._lose()
-                raise
+            self._put(self._pending.popleft())
 
     def note_plan(self, plan: object) -> None:
-        """As `MonitorJournal` says."""
-        try:
-            self._tell(tell_plan(plan))
-        except Exception:
-            self._lose()
+        """As `Journal` says."""
+        self._plans += 1
+        self._note_at_once(make_plan, self._joints, self._plans, plan)
 
     def note_plan_verdict(self, verdict: PlanVerdict) -> None:
-        """As `MonitorJournal` says."""
-        self._tell(tell_answer(verdict))
+        """As `Journal` says."""
+        self._note(to_plan_message, self._plans, verdict)
 
-    def note_payload(self, payload: float) -> None:
-        """As `MonitorJournal` says."""
-        self._tell(Payload(payload=write_number(payload)))
+    def note_update(self, batch: ObstacleBatch) -> None:
+        """As `Journal` says."""
+        self._note_at_once(pack_batch, batch)
 
-    def note_exemption(self, exemption: Exemption) -> None:
-        """As `MonitorJournal` says."""
-        self._tell(tell_exemption(exemption))
+    def note_message(self, message: Event) -> None:
+        """As `Journal` says; the monitor itself takes faults in its steps."""
+        if not (self._stepping and isinstance(message, FaultsTaken)):
+            self._note(lambda: message)
 
-    def note_exemption_end(self, number: int) -> None:
-        """As `MonitorJournal` says."""
-        self._tell(PairWatched(number=number))
-
-    def note_reset(self) -> None:
-        """As `MonitorJournal` says."""
-        self._tell(Reset())
-
-    # What a table of obstacles tells; see `armguard.obstacles.journal`.
-
-    def note_update(
-        self,
-        ids: list[str],
-        stamp: float,
-        samples: ToldSamples,
-        *,
-        has_velocity: bool,
-        has_accel: bool,
-        has_speed: bool,
-        source: str,
-        frame: str,
-        snapshot: bool,
-    ) -> None:
-        """As `ObstacleJournal` says."""
-        try:
-            body = pack_body(
-                stamp,
-                samples,
-                has_velocity=has_velocity,
-                has_accel=has_accel,
-                has_speed=has_speed,
-                snapshot=snapshot,
-            )
-            told = ToldUpdate(self._now(), Heading(ids, source, frame), body)
-            if self._defers:
-                self._keep(told)
-            else:
-                self._put(self._pack(told))
-        except Exception:
-            self._lose()
-
-    def note_static(self, id: str, points: FloatArray, radius: float) -> None:
-        """As `ObstacleJournal` says."""
-        self._tell(_tell_static(id, points, radius))
-
-    def note_entrance(
-        self, id: str, points: FloatArray, radius: float, speed: float, accel: float
-    ) -> None:
-        """As `ObstacleJournal` says."""
-        self._tell(_tell_static(id, points, radius, speed, accel))
-
-    def note_removal(self, ids: Sequence[str], stamp: float | None, source: str | None) -> None:
-        """As `ObstacleJournal` says."""
-        self._tell(
-            Removal(
-                ids=list(ids),
-                stamp=UNSET if stamp is None else write_number(stamp),
-                source=UNSET if source is None else source,
-            )
-        )
-
-    def note_malformed(self, source: str, offender: str, problem: str, stamp: float) -> None:
-        """As `ObstacleJournal` says."""
-        self._tell(
-            MalformedCall(
-                source=source, offender=offender, problem=problem, stamp=write_number(stamp)
-            )
-        )
-
-    def note_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
-        """As `ObstacleJournal` says."""
-        told = write_number(stamp)
-        self._tell(PromiseBroken(source=source, joint=joint, problem=problem, stamp=told))
-
-    def note_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
-        """As `ObstacleJournal` says."""
-        told = write_number(stamp)
-        self._tell(DroppedPoints(source=source, stamp=told, points=points, dropped=dropped))
-
-    def note_faults_taken(self) -> None:
-        """As `ObstacleJournal` says; the monitor itself takes them in its steps."""
-        if not self._stepping:
-            self._tell(FaultsTaken())
-
-    def _describe_start(self) -> list[tuple[int, bytes]]:
+    def _describe_start(self) -> list[tuple[int, tuple[Any, ...]]]:
         """What stands once at the start of the file."""
         monitor = self._monitor
         provenance = {
@@ -416,80 +279,54 @@ class Recorder:
         robot = encode_plain(describe_robot(monitor.robot))
         settings = encode_plain(describe_settings(monitor))
         return [
-            (NOTED, pack_plain(("armguard", provenance))),
-            (ATTACHED, pack_plain(("settings.json", "application/json", settings))),
-            (ATTACHED, pack_plain(("robot.json", "application/json", robot))),
+            (NOTED, ("armguard", provenance)),
+            (ATTACHED, ("settings.json", "application/json", settings)),
+            (ATTACHED, ("robot.json", "application/json", robot)),
         ]
 
-    def _tell_bodies(self) -> None:
+    def _describe_bodies(self) -> BodiesChanged:
         data = describe_bodies(self._robot, self._known_links)
         links = [
-            LinkTold(link["name"], "" if len(link) == 1 else encode_plain(link).decode())
+            Link(link["name"], "" if len(link) == 1 else encode_plain(link).decode())
             for link in data["links"]
         ]
-        self._tell(BodiesChanged(revision=data["revision"], links=links))
         self._known_links = tuple(link["name"] for link in data["links"])
         self._revision = data["revision"]
+        return BodiesChanged(revision=data["revision"], links=links)
 
-    def _tell(self, event: Any) -> None:
+    def _note_at_once(self, make: Callable[..., Event], *arguments: Any) -> None:
+        """Write a message of arguments that may change later."""
         try:
-            self._send(NUMBERS[type(event)], encode(event))
+            message = make(*arguments)
         except Exception:
+            # A recorder must not hurt the loop: what cannot be recorded is a gap.
             self._lose()
-
-    def _send(self, number: int, data: bytes) -> None:
-        self._write(FRAME.pack(number, self._now()) + data)
-
-    def _write(self, record: bytes) -> None:
-        """Write a record, now or when there is time."""
-        if self._defers:
-            self._keep(record)
         else:
-            self._put(record)
+            self._note(lambda: message)
 
-    def _keep(self, told: ToldUpdate | bytes) -> None:
-        self._pending.append(told)
+    def _note(self, make: Callable[..., Event], *arguments: Any) -> None:
+        """Write a message that is made of some arguments, now or when there is time."""
+        entry = self._now(), make, arguments
+        if not self._defers:
+            self._put(entry)
+            return
+        self._pending.append(entry)
         if len(self._pending) > MOST_PENDING:
             self.write_pending()
 
-    def _pack(self, told: ToldState | ToldVerdict | ToldUpdate) -> bytes:
-        """The record of what was told.
+    def _put(self, entry: _Entry) -> None:
+        came, make, arguments = entry
+        try:
+            message = make(*arguments)
+            self._write(pack_record(NUMBERS[type(message)], came, message))
+        except Exception:
+            self._lose()
+        except BaseException:
+            # Ctrl-C: whether it is in the file is not known, and twice would be worse than not.
+            self._lose()
+            raise
 
-        Raises:
-            Exception: It cannot be recorded.
-        """
-        if isinstance(told, ToldVerdict):
-            return pack_verdict(told)
-        if isinstance(told, ToldUpdate):
-            return pack_update(told, self._number_heading(told.heading))
-        record = pack_state(told, self._shape)
-        if record is None:
-            event = tell_state(*told[1:], *self._shape)
-            record = FRAME.pack(NUMBERS[JointState], told.came) + encode(event)
-        return record
-
-    def _number_heading(self, heading: Heading) -> int:
-        """The number of what a message has in common with others, which is told once.
-
-        Raises:
-            BufferError: There is no room to tell it, so what has it is lost.
-        """
-        ids, source, frame = heading
-        key = id(ids) if ids else 0, source, frame
-        if (known := self._headings.get(key)) is not None:
-            return known[0]
-        if self._heading_ids + len(ids) > MOST_IDS:
-            self._headings.clear()
-            self._heading_ids = 0
-        number = len(self._headings)
-        record = FRAME.pack(HEADED, self._now()) + pack_plain((number, *heading))
-        if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
-            raise BufferError("no room")
-        self._headings[key] = number, heading
-        self._heading_ids += len(ids) + 1
-        return number
-
-    def _put(self, record: bytes) -> None:
+    def _write(self, record: bytes) -> None:
         if (self._gap_events and not self._end_gap()) or not self._ring.write(record):
             self._lose()
 
@@ -509,8 +346,8 @@ class Recorder:
         if ring.free < ring.capacity // 4:
             return False
         seconds = 1e-9 * (time.monotonic_ns() - self._gap_since)
-        event = encode(Gap(events=self._gap_events, seconds=seconds))
-        if not ring.write(FRAME.pack(NUMBERS[Gap], self._now()) + event):
+        gap = Gap(events=self._gap_events, seconds=seconds)
+        if not ring.write(pack_record(NUMBERS[Gap], self._now(), gap)):
             return False
         self._gap_events = 0
         return True
@@ -610,30 +447,14 @@ def _check_untouched(monitor: Monitor) -> None:
         )
 
 
-def _list_statics(monitor: Monitor) -> list[StaticObstacle]:
+def _list_statics(monitor: Monitor) -> Iterator[StaticObstacle]:
     table, ids = monitor.obstacles.table, monitor.obstacles.ids
-    return [
-        _tell_static(
-            ids[row],
-            table.points[row, : table.point_count[row]],
-            table.radius[row],
-            *((table.speed[row], table.accel[row]) if monitor.obstacles.is_entrance(row) else ()),
+    for row in np.flatnonzero(table.alive & table.static).tolist():
+        place = StaticObstacle(
+            id=ids[row],
+            position=table.points[row, : table.point_count[row]].tobytes(),
+            radius=float(table.radius[row]),
         )
-        for row in np.flatnonzero(table.alive & table.static).tolist()
-    ]
-
-
-def _tell_static(
-    id: str,
-    points: FloatArray,
-    radius: float,
-    speed: float | None = None,
-    accel: float | None = None,
-) -> StaticObstacle:
-    return StaticObstacle(
-        id=id,
-        position=write_numbers(np.ravel(points)),
-        radius=write_number(float(radius)),
-        speed=UNSET if speed is None else write_number(float(speed)),
-        accel=UNSET if accel is None else write_number(float(accel)),
-    )
+        if monitor.obstacles.is_entrance(row):
+            place.speed, place.accel = float(table.speed[row]), float(table.accel[row])
+        yield place

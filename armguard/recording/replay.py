@@ -14,47 +14,62 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
 
 from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError
+from armguard.messages.answers import (
+    PlanVerdictMessage,
+    VerdictMessage,
+    read_verdict,
+    to_plan_message,
+    to_verdict_message,
+)
+from armguard.messages.batch import read_batch
+from armguard.messages.events import (
+    DroppedPoints,
+    FaultsTaken,
+    MalformedCall,
+    Payload,
+    PromiseBroken,
+    StaticObstacle,
+)
+from armguard.messages.incoming import (
+    IgnoreMessage,
+    MessageError,
+    ObstaclesMessage,
+    PlanMessage,
+    RemoveMessage,
+    ResetMessage,
+    WatchMessage,
+    to_rows,
+)
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.events import (
     BodiesChanged,
-    DroppedPoints,
     Event,
-    FaultsTaken,
     Gap,
     JointState,
-    MalformedCall,
-    ObstacleUpdate,
-    PairIgnored,
-    PairWatched,
-    Payload,
-    PlanAnswered,
-    PlanAsked,
-    PromiseBroken,
-    Removal,
-    Reset,
-    StaticObstacle,
-    VerdictTold,
-    encode,
-    read_field,
-    read_verdict,
-    tell_answer,
-    tell_verdict,
+    MalformedPlan,
+    MalformedState,
 )
 from armguard.recording.inputs import restore_plan, restore_state
+from armguard.recording.json_form import write_json
 from armguard.recording.provenance import describe_provenance, list_differences
 from armguard.recording.reading import Recording
 from armguard.recording.settings import change_settings, make_monitor, make_obstacles
-from armguard.robot.portable import RestoredRobot, read_numbers
+from armguard.robot.portable import RestoredRobot
 from armguard.verdict import PlanVerdict, Verdict
 
 UNEXPLAINED = (
     "none that a recording knows of: version, sources, robot, cover, processor and compiler are "
     "the same"
 )
+
+
+UNREADABLE = MessageError, ValueError, KeyError, TypeError, IndexError
+"""What a damaged message raises where it is read."""
 
 
 class ReplayedTick(NamedTuple):
@@ -159,11 +174,11 @@ class Replay:
         """
         pending: tuple[float, Verdict] | None = None
         for nanoseconds, event, data in self._recording.events():
-            if isinstance(event, JointState):
+            if isinstance(event, JointState | MalformedState):
                 stamp, q, v, now = self._read(restore_state, event)
                 pending = now, self.monitor.step(stamp, q, v, now)
                 self._now = now
-            elif not isinstance(event, VerdictTold):
+            elif not isinstance(event, VerdictMessage):
                 self._apply(event, data)
             elif event.sequence > 0:
                 self._ticks += 1
@@ -172,7 +187,7 @@ class Replay:
                 (now, replayed), pending = pending, None
                 recorded = self._read(read_verdict, event)
                 is_compared = not self._lost and not self._changes
-                is_identical = encode(tell_verdict(replayed)) == data
+                is_identical = write_json(to_verdict_message(replayed)) == data
                 if is_compared:
                     self._compared += 1
                     if not is_identical:
@@ -194,25 +209,19 @@ class Replay:
         """Do to the monitor and its table what was done to the recorded ones."""
         try:
             self._take(event, data)
-        except (ValueError, KeyError, TypeError, IndexError) as error:
-            raise self._make_error(event, error) from None
-        except ArmguardError as error:
+        except (*UNREADABLE, ArmguardError) as error:
             raise self._make_error(event, error) from None
 
     def _take(self, event: Event, data: bytes) -> None:
-        monitor = self.monitor
         if isinstance(event, StaticObstacle):
-            points = read_numbers(event.position).reshape(-1, 3)
-            radius = float(event.radius)
-            if isinstance(event.speed, float | str) and isinstance(event.accel, float | str):
-                # It is as wide as it counts already.
-                speed, accel = float(event.speed), float(event.accel)
-                self.obstacles.add_entrance(event.id, points, radius, 0.0, speed, accel)
+            points = np.frombuffer(event.position).reshape(-1, 3)
+            if event.speed is None:
+                self.obstacles.add_static(event.id, points, event.radius)
             else:
-                self.obstacles.add_static(event.id, points, radius)
-        elif isinstance(event, Payload):
-            if "payload" not in self._changes:
-                monitor.payload = float(event.payload)
+                # It is as wide as it counts already.
+                self.obstacles.add_entrance(
+                    event.id, points, event.radius, 0.0, event.speed, event.accel
+                )
         elif isinstance(event, BodiesChanged):
             links = [
                 msgspec.json.decode(link.data) if link.data else {"name": link.name}
@@ -221,18 +230,14 @@ class Replay:
             self.robot.replace_bodies({"revision": event.revision, "links": links})
         elif isinstance(event, Gap):
             self._lost += event.events
-        elif isinstance(event, PlanAsked):
-            self._answer = None
-            if monitor.settings.motion == PLANNED:
-                self._answer = monitor.commit(restore_plan(event))
-        elif isinstance(event, PlanAnswered):
+        elif isinstance(event, PlanVerdictMessage):
             answer, self._answer = self._answer, None
-            is_compared = answer is not None and not self._lost and not self._changes
-            if answer is not None and is_compared and encode(tell_answer(answer)) != data:
-                told = tell_answer(answer)
-                self._note_difference(_list_fields(event), _list_fields(told))
-        else:
-            apply_event(monitor, event)
+            if answer is not None and not self._lost and not self._changes:
+                message = to_plan_message(event.number, answer)
+                if write_json(message) != data:
+                    self._note_difference(_list_fields(event), _list_fields(message))
+        elif not (isinstance(event, Payload) and "payload" in self._changes):
+            self._answer = apply_event(self.monitor, event)
 
     def _note_difference(self, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
         if self._difference is not None:
@@ -248,7 +253,7 @@ class Replay:
     def _read(self, read: Callable[[Any], Any], event: Event) -> Any:
         try:
             return read(event)
-        except (ValueError, TypeError) as error:
+        except UNREADABLE as error:
             raise self._make_error(event, error) from None
 
     def _make_error(self, event: Event, error: Exception) -> ArmguardError:
@@ -276,66 +281,42 @@ def replay(path: str | Path, changes: Mapping[str, str] | None = None) -> Replay
     return run.report()
 
 
-def apply_event(monitor: Monitor, event: Event) -> None:
-    """Tell a monitor and its table what a recorded event told, if it is of that kind."""
+def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
+    """Give a monitor and its table what a recorded event gave, if it is of that kind.
+
+    Returns:
+        The answer to a plan, where it is one and the monitor takes plans.
+    """
     obstacles = monitor.obstacles
-    if isinstance(event, ObstacleUpdate):
-        apply_update(obstacles, event)
-    elif isinstance(event, Removal):
-        obstacles.remove(
-            event.ids,
-            float(event.stamp) if isinstance(event.stamp, float | str) else None,
-            event.source if isinstance(event.source, str) else None,
-        )
+    if isinstance(event, ObstaclesMessage):
+        # The voxels of a recorded cloud stand in an update.
+        obstacles.takes_voxels = True
+        obstacles.update(*read_batch(event))
+    elif isinstance(event, RemoveMessage):
+        since = None if math.isnan(event.stamp) else event.stamp
+        obstacles.remove(event.ids, since, event.source or None)
     elif isinstance(event, MalformedCall):
-        stamp = float(event.stamp)
-        obstacles.leave_malformed(event.source, event.offender, event.problem, stamp)
+        obstacles.leave_malformed(event.source, event.offender, event.problem, event.stamp)
     elif isinstance(event, PromiseBroken):
-        stamp = float(event.stamp)
-        obstacles.leave_broken(event.source, event.joint, event.problem, stamp)
+        obstacles.leave_broken(event.source, event.joint, event.problem, event.stamp)
     elif isinstance(event, DroppedPoints):
-        stamp = float(event.stamp)
-        obstacles.count_points(event.source, stamp, event.points, event.dropped)
+        obstacles.count_points(event.source, event.stamp, event.points, event.dropped)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
-    elif isinstance(event, PairIgnored):
-        monitor.ignore(
-            event.link,
-            event.ids,
-            event.source if isinstance(event.source, str) else None,
-            until=float(event.until) if isinstance(event.until, float | str) else None,
-            zone=read_numbers(event.zone).reshape(-1, 3) if isinstance(event.zone, list) else None,
-        )
-    elif isinstance(event, PairWatched):
+    elif isinstance(event, IgnoreMessage):
+        zone = None
+        if event.zone is not None:
+            zone = to_rows("zone", event.zone, len(event.zone) // 24, 3)
+        monitor.ignore(event.link, event.ids, event.source, until=event.until, zone=zone)
+    elif isinstance(event, WatchMessage):
         monitor.watch(event.number)
-    elif isinstance(event, Reset):
+    elif isinstance(event, ResetMessage):
         monitor.reset()
-
-
-def apply_update(obstacles: Obstacles, event: ObstacleUpdate) -> None:
-    """Tell a table what a recorded message told."""
-    count = len(event.ids)
-    shape = (count, event.points, 3)
-
-    def read(values: Any) -> Any:
-        return read_field(values, count) if isinstance(values, list) else None
-
-    # The voxels of a recorded cloud stand in an update.
-    obstacles.takes_voxels = True
-    obstacles.update(
-        event.ids,
-        float(event.stamp),
-        read_numbers(event.position).reshape(shape),
-        read_numbers(event.velocity).reshape(shape) if isinstance(event.velocity, list) else None,
-        read(event.radius),
-        read(event.accel),
-        read(event.speed),
-        read(event.position_error),
-        read(event.velocity_error) if isinstance(event.velocity, list) else 0.0,
-        source=event.source,
-        frame=event.frame,
-        snapshot=event.snapshot,
-    )
+    elif isinstance(event, Payload):
+        monitor.payload = event.payload
+    elif isinstance(event, PlanMessage | MalformedPlan) and monitor.settings.motion == PLANNED:
+        return monitor.commit(restore_plan(event))
+    return None
 
 
 def _list_fields(event: msgspec.Struct) -> dict[str, Any]:

@@ -69,7 +69,8 @@ class Ring:
         if size > self._room and not self._find_room(size):
             return False
         begin = HEADER + self._written % self._capacity
-        self._map[begin : begin + length] = _FRAME.pack(len(data), zlib.crc32(data)) + data
+        _FRAME.pack_into(self._map, begin, len(data), zlib.crc32(data))
+        self._map[begin + _FRAME.size : begin + length] = data
         self._room -= size
         self._written += size
         # Only now may the reader know of it.

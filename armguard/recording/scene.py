@@ -16,7 +16,11 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.recording.events import JointState, ObstacleUpdate, Removal, StaticObstacle, Time
+from armguard.messages.batch import read_batch
+from armguard.messages.events import StaticObstacle
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
+from armguard.recording.events import JointState, Time
+from armguard.recording.inputs import restore_state
 from armguard.robot.portable import RestoredRobot, read_numbers
 
 INTERVAL = 0.1
@@ -162,39 +166,38 @@ class Scene:
         """Take the level of a verdict, by its name."""
         self._level = level
 
-    def take_state(self, event: JointState) -> None:
+    def take_state(self, message: JointState) -> None:
         """Take a joint state, unless there is none to be drawn."""
-        if not isinstance(event.q, list) or len(event.q) != len(self._robot.joints):
-            return
-        q = read_numbers(event.q)
-        if np.isfinite(q).all():
+        _, q, _, _ = restore_state(message)
+        if len(q) == len(self._robot.joints) and np.isfinite(q).all():
             self._q = q
 
-    def take_update(self, event: ObstacleUpdate) -> None:
+    def take_update(self, message: ObstaclesMessage) -> None:
         """Take a message about obstacles."""
-        points = read_numbers(event.position).reshape(len(event.ids), event.points, 3)
-        if event.frame in self._frames:
-            rotation, translation = self._frames[event.frame]
+        batch = read_batch(message)
+        points = batch.position.reshape(len(batch.ids), -1, 3) if batch.ids else batch.position
+        if batch.frame in self._frames:
+            rotation, translation = self._frames[batch.frame]
             with np.errstate(all="ignore"):  # what is not finite is not drawn
                 points = points @ rotation.T + translation
-        radius = np.broadcast_to(read_numbers(event.radius), len(event.ids))
-        if event.snapshot:
-            seen = set(event.ids)
-            for key in [key for key in self._obstacles if key[0] == event.source]:
+        radius = np.broadcast_to(np.array(batch.radius, float), len(batch.ids))
+        if batch.snapshot:
+            seen = set(batch.ids)
+            for key in [key for key in self._obstacles if key[0] == batch.source]:
                 if key[1] not in seen:
                     del self._obstacles[key]
-        for name, place, size in zip(event.ids, points, radius.tolist(), strict=True):
-            self._put((event.source, name), place, size)
+        for name, place, size in zip(batch.ids, points, radius.tolist(), strict=True):
+            self._put((batch.source, name), place, size)
 
-    def take_static(self, event: StaticObstacle) -> None:
+    def take_static(self, place: StaticObstacle) -> None:
         """Take an obstacle that stands still for ever."""
-        self._put(("", event.id), read_numbers(event.position).reshape(-1, 3), float(event.radius))
+        self._put(("", place.id), np.frombuffer(place.position).reshape(-1, 3), place.radius)
 
-    def take_removal(self, event: Removal) -> None:
-        """Take what is gone."""
-        gone = set(event.ids)
+    def take_removal(self, message: RemoveMessage) -> None:
+        """Take what is gone; without a source, of all sources."""
+        gone = set(message.ids)
         for key in [key for key in self._obstacles if key[1] in gone]:
-            if not isinstance(event.source, str) or key[0] == event.source:
+            if message.source in ("", key[0]):
                 del self._obstacles[key]
 
     def draw(self, nanoseconds: int) -> SceneUpdate:

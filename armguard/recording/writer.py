@@ -16,34 +16,12 @@ from typing import Any
 
 import msgspec
 
-from armguard.recording.events import (
-    KINDS,
-    PREFIX,
-    TOPICS,
-    Event,
-    JointState,
-    ObstacleUpdate,
-    Removal,
-    StaticObstacle,
-    VerdictTold,
-    encode,
-    make_schema,
-    schema_name,
-    tell_verdict,
-)
-from armguard.recording.packing import (
-    ATTACHED,
-    FRAME,
-    HEADED,
-    NOTED,
-    NUMBERS,
-    STATE,
-    UPDATE,
-    Heading,
-    read_state,
-    read_update,
-    unpack_verdict,
-)
+from armguard.messages.answers import VerdictMessage
+from armguard.messages.events import StaticObstacle
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
+from armguard.recording.events import KINDS, PREFIX, TOPICS, Event, JointState, schema_name
+from armguard.recording.json_form import make_schema, write_json
+from armguard.recording.packing import ATTACHED, NOTED, unpack_record
 from armguard.recording.ring import Ring
 from armguard.recording.scene import INTERVAL, SCENE_SCHEMA, Scene, SceneUpdate
 
@@ -66,9 +44,6 @@ STUCK_AFTER = 2.0
 NICE = 10
 """Of this process: with so many others at work it still gets a tenth of a processor, twice what it
 needs."""
-
-FOLLOWED = frozenset({JointState, StaticObstacle, Removal})
-"""Kinds of events that come as they stand in the file, and of which the scene is made."""
 
 
 class PatientFile:
@@ -144,10 +119,10 @@ class RecordingWriter:
             index_types=IndexType.ALL,
         )
         self._writer.start(profile="", library="armguard")
-        self._channels = {
-            kind: self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
+        self._channels = [
+            self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
             for kind in KINDS
-        }
+        ]
         self._scene_channel = self._register(
             f"{PREFIX}scene", SCENE_SCHEMA, make_schema(SceneUpdate)
         )
@@ -156,43 +131,24 @@ class RecordingWriter:
         self._next_scene = 0
         self._last_time = 0
         self._count = 0
-        self._decoders: dict[type[Any], msgspec.json.Decoder[Any]] = {
-            kind: msgspec.json.Decoder(kind) for kind in FOLLOWED
-        }
         self._last_state: JointState | None = None
-        self._headings: dict[int, Heading] = {}
 
     def take(self, record: bytes) -> None:
-        """Write one event, as `Recorder` sends it."""
-        number, nanoseconds = FRAME.unpack_from(record)
-        if number == HEADED:
-            self._take_heading(*msgspec.msgpack.decode(record[FRAME.size :]))
+        """Write one message, as `Recorder` sends it."""
+        kind, nanoseconds, content = unpack_record(record)
+        if kind == NOTED:
+            self._writer.add_metadata(*content)
             return
-        if number == NOTED:
-            name, values = msgspec.msgpack.decode(record[FRAME.size :])
-            self._writer.add_metadata(name, values)
+        if kind == ATTACHED:
+            self._attach(nanoseconds, *content)
             return
-        if number == ATTACHED:
-            self._attach(nanoseconds, *msgspec.msgpack.decode(record[FRAME.size :]))
-            return
-        event: Event | None = None
-        if number == STATE:
-            event = read_state(record)
-        elif number == UPDATE:
-            event = read_update(record, self._headings)
-        elif number == NUMBERS[VerdictTold]:
-            event = tell_verdict(unpack_verdict(record))
-        data = record[FRAME.size :] if event is None else encode(event)
-        kind = KINDS[number] if event is None else type(event)
-        # Events are in order in the file; their times say so as well.
+        # Messages are in order in the file; their times say so as well.
         self._last_time = max(nanoseconds, self._last_time + 1)
-        self._write(self._channels[kind], self._last_time, data)
+        self._write(self._channels[kind], self._last_time, write_json(content))
         if self._scene is None:
             return
         try:
-            if event is None and kind in FOLLOWED:
-                event = self._decoders[kind].decode(data)
-            self._follow(self._scene, event)
+            self._follow(self._scene, content)
         except Exception as error:
             # The picture is for viewers; what a replay needs goes on without it.
             self._scene = None
@@ -217,35 +173,30 @@ class RecordingWriter:
             channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
         )
 
-    def _take_heading(self, number: int, ids: list[str], source: str, frame: str) -> None:
-        if number == 0:
-            self._headings.clear()
-        self._headings[number] = Heading(ids, source, frame)
-
     def _attach(self, nanoseconds: int, name: str, media_type: str, content: bytes) -> None:
         self._writer.add_attachment(nanoseconds, nanoseconds, name, media_type, content)
         self._attached[name] = msgspec.json.decode(content)
         if {"robot.json", "settings.json"} <= set(self._attached):
             self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
 
-    def _follow(self, scene: Scene, event: Event | None) -> None:
+    def _follow(self, scene: Scene, message: Event) -> None:
         """Keep the picture of the cell up to date."""
-        if isinstance(event, VerdictTold):
+        if isinstance(message, VerdictMessage):
             if self._last_time >= self._next_scene:
                 self._next_scene = self._last_time + round(1e9 * INTERVAL)
-                scene.take_level(event.level)
+                scene.take_level(message.level)
                 if self._last_state is not None:
                     scene.take_state(self._last_state)
-                picture = encode(scene.draw(self._last_time))
+                picture = msgspec.json.encode(scene.draw(self._last_time))
                 self._write(self._scene_channel, self._last_time, picture)
-        elif isinstance(event, JointState):
-            self._last_state = event
-        elif isinstance(event, ObstacleUpdate):
-            scene.take_update(event)
-        elif isinstance(event, StaticObstacle):
-            scene.take_static(event)
-        elif isinstance(event, Removal):
-            scene.take_removal(event)
+        elif isinstance(message, JointState):
+            self._last_state = message
+        elif isinstance(message, ObstaclesMessage):
+            scene.take_update(message)
+        elif isinstance(message, StaticObstacle):
+            scene.take_static(message)
+        elif isinstance(message, RemoveMessage):
+            scene.take_removal(message)
 
 
 def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:

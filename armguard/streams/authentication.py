@@ -15,8 +15,8 @@ import zmq
 from zmq.utils import z85
 
 from armguard.exceptions import StreamError
+from armguard.messages.incoming import MessageError
 from armguard.streams.keys import KeyPair, check_key
-from armguard.streams.messages import MessageError
 
 Right = Literal["obstacles", "joints", "verdicts", "reset", "view"]
 """What a client may do: send obstacles in its own name, send joint states, plans and requests that

@@ -22,13 +22,7 @@ from numpy.typing import NDArray
 
 from armguard.clock import Clock
 from armguard.exceptions import ArmguardError
-from armguard.obstacles.clouds import VoxelCountError
-from armguard.obstacles.obstacles import Obstacles
-from armguard.streams.authentication import Authenticator, Right, SenderError
-from armguard.streams.faults import FaultLog
-from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
-from armguard.streams.limits import LimitError, MessageAllowance, SourceCountError, SourceLimits
-from armguard.streams.messages import (
+from armguard.messages.incoming import (
     AnyMessage,
     CloudMessage,
     Header,
@@ -49,6 +43,12 @@ from armguard.streams.messages import (
     to_rows,
     to_values,
 )
+from armguard.obstacles.clouds import VoxelCountError
+from armguard.obstacles.obstacles import Obstacles
+from armguard.streams.authentication import Authenticator, Right, SenderError
+from armguard.streams.faults import FaultLog
+from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
+from armguard.streams.limits import LimitError, MessageAllowance, SourceCountError, SourceLimits
 from armguard.verdict import ResetVerdict
 
 _MESSAGES_A_DRAIN = 64

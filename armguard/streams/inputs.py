@@ -17,9 +17,9 @@ from typing import Protocol
 import zmq
 
 from armguard.exceptions import StreamError
+from armguard.messages.incoming import MessageError
 from armguard.streams.addresses import check_address, check_free, explain, remove_file
 from armguard.streams.authentication import INPUT_RIGHTS, Authenticator
-from armguard.streams.messages import MessageError
 
 BYTE_LIMIT = 4 * 1024 * 1024
 """Longest message taken: 10,000 boxes with velocities, packed, are 3.9 MB."""

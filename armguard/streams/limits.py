@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from armguard.messages.incoming import MessageError
 from armguard.streams.inputs import BYTE_LIMIT
-from armguard.streams.messages import MessageError
 
 
 class SourceLimits(NamedTuple):

@@ -18,11 +18,13 @@ import zmq
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import StreamError
-from armguard.streams.addresses import check_address, check_free, explain, remove_file
-from armguard.streams.authentication import Authenticator
-from armguard.streams.inputs import FRAME_LIMIT, QUEUE_LIMIT
-from armguard.streams.keys import Keys, present
-from armguard.streams.messages import (
+from armguard.messages.answers import (
+    decode_answer,
+    encode_plan_verdict,
+    encode_reset_verdict,
+    encode_verdict,
+)
+from armguard.messages.incoming import (
     AnyMessage,
     CloudMessage,
     IgnoreMessage,
@@ -34,12 +36,12 @@ from armguard.streams.messages import (
     ResetMessage,
     Values,
     WatchMessage,
-    decode_answer,
     encode,
-    encode_plan_verdict,
-    encode_reset_verdict,
-    encode_verdict,
 )
+from armguard.streams.addresses import check_address, check_free, explain, remove_file
+from armguard.streams.authentication import Authenticator
+from armguard.streams.inputs import FRAME_LIMIT, QUEUE_LIMIT
+from armguard.streams.keys import Keys, present
 from armguard.verdict import Level, PlanVerdict, ResetVerdict, Verdict
 
 _ANSWERS = 16

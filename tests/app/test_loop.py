@@ -18,8 +18,9 @@ from armguard.app.cell import Cell
 from armguard.app.loop import LONGEST_SPELL, REST, Durations, RateLoop, RunRecording, run
 from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
+from armguard.messages.answers import VerdictMessage
 from armguard.recording import replay
-from armguard.recording.events import Log, VerdictTold
+from armguard.recording.events import Log
 from armguard.streams import Edge, FaultLog, Publisher, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
 from support.recordings_made import read_events
@@ -454,7 +455,7 @@ def test_a_run_is_recorded_with_what_was_wrong_with_messages(tmp_path):
     assert process.returncode == 0, errors
     ticks = int(output.splitlines()[-1].split(";")[-1])
     events = read_events(path)
-    told = [event for event in events if isinstance(event, VerdictTold)]
+    told = [event for event in events if isinstance(event, VerdictMessage)]
     assert len(told) == ticks, "those without a joint state are there as well"
     assert any(event.sequence == 0 for event in told)
     lines = [event.message for event in events if isinstance(event, Log)]

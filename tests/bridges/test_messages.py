@@ -14,7 +14,7 @@ from armguard.bridges.messages import (
     POSES,
     JointStateReader,
     ObstacleReader,
-    group_bodies,
+    make_batches,
     read_pose,
 )
 from armguard.exceptions import ArmguardError
@@ -52,16 +52,14 @@ def test_bodies_of_several_kinds_are_grouped_or_made_alike():
         marker(0.0, 1, 1), marker(0.0, 2, 2), marker(0.0, 4, 3, points=[(0, 0, 0), (1, 0, 0)])
     )
     _, (whole,) = ObstacleReader("/things", MARKERS).read(shown)
-    assert [len(rows.position[0]) for rows in group_bodies(whole.bodies, snapshot=False)] == [
-        1,
-        2,
-        8,
-    ]
-    (rows,) = group_bodies(whole.bodies, snapshot=True)
-    assert rows.position.shape == (3, 8, 3)
-    for body, points in zip(whole.bodies, rows.position, strict=True):
+    batches = make_batches(whole, "camera", 0.5, snapshot=False)
+    assert [len(batch.position[0]) for batch in batches] == [1, 2, 8]
+    (batch,) = make_batches(whole, "camera", 0.5, snapshot=True)
+    assert (batch.source, batch.stamp, batch.frame) == ("camera", 0.5, "world")
+    assert batch.position.shape == (3, 8, 3)
+    for body, points in zip(whole.bodies, batch.position, strict=True):
         assert {tuple(one) for one in points} == {tuple(one) for one in body.points}
-    (empty,) = group_bodies([], snapshot=True)
+    (empty,) = make_batches(whole._replace(bodies=[]), "camera", 0.5, snapshot=True)
     assert empty.ids == []
 
 

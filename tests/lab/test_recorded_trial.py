@@ -122,6 +122,6 @@ def test_what_the_table_does_not_take_is_told_by_the_file(tmp_path):
         assert recorder.close() == ""
     trial = read_trial(tmp_path / "lens.mcap", panda(), RATE)
     with pytest.raises(
-        ArmguardError, match=r"lens\.mcap: has a ObstacleUpdate that cannot be.*lens"
+        ArmguardError, match=r"lens\.mcap: has a ObstaclesMessage that cannot be.*lens"
     ):
         try_on(trial)

@@ -5,6 +5,7 @@ import pytest
 
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
+from armguard.messages.incoming import IgnoreMessage, WatchMessage
 from armguard.obstacles import Obstacles, Source
 from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics
@@ -229,11 +230,10 @@ def test_what_begins_and_ends_is_told_in_verdicts_and_to_the_journal(cell):
     assert kinds(monitor.step(3 * PERIOD, HOME, STILL)).isdisjoint(
         {ReasonKind.PAIR_IGNORED, ReasonKind.PAIR_WATCHED}
     )
-    told = [(name, *arguments) for name, arguments, _ in journal.told]
     monitor.journal = None
-    names = [name for name, *_ in told if name not in ("note_state", "note_verdict")]
-    assert names == ["note_exemption", "note", "note_exemption_end", "note"]
-    lines = [line for name, *arguments in told if name == "note" for line in arguments]
+    told = [kind for kind in journal.kinds() if kind not in ("note_state", "note_verdict")]
+    assert told == [IgnoreMessage, "note", WatchMessage, "note"]
+    lines = [arguments[0] for name, arguments, _ in journal.told if name == "note"]
     assert "not watched: panda_hand and fixture" in lines[0]
     assert "no longer exempt: panda_hand and fixture" in lines[1]
 

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ObstacleError
+from armguard.messages.events import DroppedPoints
+from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import FaultKind, Frame, Obstacles
 from armguard.obstacles.clouds import CELLS, find_half_window
 from support.depth_camera import DepthCamera
@@ -369,16 +371,16 @@ def test_a_journal_is_told_voxels_removals_and_what_was_dropped():
     watch((1.5, 0.0, 0.0, 0.1), 0.0, obstacles)
     obstacles.update_cloud("depth", 1.0, [[math.nan, 0, 0]], [0, 0, 0])
     watch((1.5, 0.0, 2.0, 0.1), 2.0, obstacles)
-    told = [name for name, _, _ in obstacles.journal.told]
-    assert told == [
-        *("note_update", "note_points", "note_update", "note_points"),
-        *("note_update", "note_points", "note_removal"),
+    assert obstacles.journal.kinds() == [
+        *("note_update", DroppedPoints, "note_update", DroppedPoints),
+        *("note_update", DroppedPoints, RemoveMessage),
     ]
+    clean, dropped, _ = obstacles.journal.messages(DroppedPoints)
     other = Obstacles()
     other.update([], 1.0, source="depth")
-    other.count_points(*obstacles.journal.told[1][1])
+    other.count_points(clean.source, clean.stamp, clean.points, clean.dropped)
     assert kinds(other) == []
-    other.count_points(*obstacles.journal.told[3][1])
+    other.count_points(dropped.source, dropped.stamp, dropped.points, dropped.dropped)
     assert kinds(other) == [FaultKind.POINTS_DROPPED]
 
 

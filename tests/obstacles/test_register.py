@@ -149,3 +149,33 @@ def test_ids_that_come_and_go_leave_nothing_behind():
     see(obstacles, 0.5, id="0-0")
     assert obstacles.row("0-0") == -1
     assert kinds(obstacles) == [FaultKind.LATE]
+
+
+def test_a_table_is_untouched_until_something_is_told_that_moves():
+    for touch in (
+        lambda table: table.update([], 0.0, source="camera"),
+        lambda table: table.update(["a"], 0.0, [[1, 0, 0]], radius=0.1),
+        lambda table: table.remove(["a"]),
+        lambda table: table.leave_malformed("", "x", "y", math.nan),
+    ):
+        obstacles = Obstacles(sources=["camera"])
+        obstacles.add_static("post", [0.0, 0.0, 1.0], 0.1)
+        assert obstacles.is_untouched
+        touch(obstacles)
+        assert not obstacles.is_untouched
+
+
+def test_rows_that_were_given_back_are_told_from_those_that_never_were():
+    obstacles = Obstacles()
+    for name in "abc":
+        obstacles.add_static(name, [0.0, 0.0, 3.0], 0.1)
+    obstacles.remove(["c"])
+    assert obstacles.is_untouched, "the next row is that of a table that never had it"
+    obstacles.remove(["b"])
+    assert obstacles.is_untouched
+    obstacles = Obstacles()
+    for name in "abc":
+        obstacles.add_static(name, [0.0, 0.0, 3.0], 0.1)
+    for name in "bc":
+        obstacles.remove([name])
+    assert not obstacles.is_untouched, "the next row is another one"

@@ -4,7 +4,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Frame, Obstacles
 from armguard.recording import bags as bags_module
-from armguard.recording.bags import BagRun
+from armguard.recording.bags import BagInputs, BagRun
 from armguard.verdict import Level
 from support.bags_made import (
     NAMES,
@@ -28,7 +28,7 @@ def run(path, topics=TOPICS, *, settings=None, **options):
     tilted = Frame([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 0.0, 0.0])
     table = Obstacles(frames={"tilted": tilted})
     obstacles, monitor = make_monitor(obstacles=table, **(settings or {}))
-    bag = BagRun(path, monitor, topics, **options)
+    bag = BagRun(path, monitor, BagInputs(topics, **options))
     return list(bag.ticks()), obstacles, bag
 
 

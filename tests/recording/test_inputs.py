@@ -1,12 +1,13 @@
 import math
 
-import msgspec
 import numpy as np
 import pytest
 
 from armguard.bounds import Plan
-from armguard.recording.events import JointState, PlanAsked, encode
-from armguard.recording.inputs import restore_plan, restore_state, tell_plan, tell_state
+from armguard.messages.incoming import PlanMessage
+from armguard.recording.events import JointState, MalformedPlan, MalformedState
+from armguard.recording.inputs import make_plan, make_state, restore_plan, restore_state
+from armguard.recording.json_form import read_json, write_json
 from support.panda_monitor import HOME, STILL, make_monitor
 from support.short_plans import resting
 
@@ -49,8 +50,11 @@ VECTORS = [
 TIMES = [0.003, 3, np.float32(0.25), np.float64(0.003), math.nan, -math.inf, True, "soon", None]
 
 
-def through_file(event, kind):
-    return msgspec.json.decode(encode(event), type=kind)
+JOINTS = [f"panda_joint{number}" for number in range(1, 8)]
+
+
+def through_file(message):
+    return read_json(type(message), write_json(message))
 
 
 def judge(stamp, q, v, now):
@@ -64,7 +68,7 @@ def judge(stamp, q, v, now):
 def test_whatever_a_step_is_given_has_the_same_effect_when_it_is_restored(number):
     vector = VECTORS[number]
     for q, v in ((vector, STILL), (HOME, vector), (vector, vector)):
-        event = through_file(tell_state(0.003, q, v, 0.003, 7), JointState)
+        event = through_file(make_state(JOINTS, 0.003, q, v, 0.003))
         assert repr(judge(*restore_state(event))) == repr(judge(0.003, q, v, 0.003))
 
 
@@ -73,7 +77,7 @@ def test_so_do_times(time):
     for stamp, now in ((time, 0.003), (0.003, time)):
         # A journal is told the stamp where no other time is given.
         judged = stamp if now is None else now
-        event = through_file(tell_state(stamp, HOME, STILL, judged, 7), JointState)
+        event = through_file(make_state(JOINTS, stamp, HOME, STILL, judged))
         told = judge(*restore_state(event))
         assert repr(told) == repr(judge(stamp, HOME, STILL, now))
 
@@ -97,7 +101,7 @@ PLANS = [
 def test_so_does_a_plan(number):
     plan = PLANS[number]
     answers = []
-    for one in (plan, restore_plan(through_file(tell_plan(plan), PlanAsked))):
+    for one in (plan, restore_plan(through_file(make_plan(JOINTS, 1, plan)))):
         _, monitor = make_monitor(motion="planned")
         monitor.step(0.003, HOME, STILL)
         answers.append(monitor.commit(one))
@@ -106,7 +110,29 @@ def test_so_does_a_plan(number):
 
 def test_a_plan_is_kept_to_the_bit():
     plan = resting(velocity_tracking_error=np.full(7, 1.0 / 3.0))
-    again = restore_plan(through_file(tell_plan(plan), PlanAsked))
+    again = restore_plan(through_file(make_plan(JOINTS, 1, plan)))
     for name in Plan._fields:
         one, other = getattr(plan, name), getattr(again, name)
-        assert (one is None and other is None) or np.asarray(one).tobytes() == other.tobytes()
+        assert (one is None and other is None) or np.asarray(one).tobytes() == np.asarray(
+            other
+        ).tobytes()
+
+
+def test_whatever_a_message_can_hold_is_one():
+    for q in (HOME, HOME.tolist(), HOME.astype(np.float32), np.arange(7), [math.nan] * 7):
+        assert isinstance(make_state(JOINTS, 1, q, STILL, 1), JointState)
+    assert isinstance(make_state(JOINTS, 1.0, HOME[:6], STILL, 1.0), JointState)
+    assert isinstance(make_state(JOINTS, 1.0, list(HOME[:6]), STILL, 1.0), MalformedState)
+    kinds = [type(make_plan(JOINTS, 1, plan)) for plan in PLANS]
+    assert [kind is PlanMessage for kind in kinds] == [number in (0, 3) for number in range(11)]
+    assert set(kinds) == {PlanMessage, MalformedPlan}
+
+
+@pytest.mark.parametrize("q", [[-0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, 0.1, 0]])
+def test_a_state_is_kept_to_the_bit(q):
+    stamp, found, v, now = restore_state(
+        through_file(make_state(JOINTS, -0.0, np.array(q), np.array(q[::-1]), math.inf))
+    )
+    assert (str(stamp), now) == ("-0.0", math.inf)
+    assert found.tobytes() == np.array(q, float).tobytes()
+    assert v.tobytes() == np.array(q[::-1], float).tobytes()

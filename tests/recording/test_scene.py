@@ -2,7 +2,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from armguard.recording.events import JointState, ObstacleUpdate, Removal, StaticObstacle
+from armguard.messages.events import StaticObstacle
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
+from armguard.recording.events import JointState
 from armguard.recording.scene import MOST_DRAWN, Scene
 from armguard.recording.settings import describe_settings
 from armguard.robot import Kinematics
@@ -18,9 +20,16 @@ def made():
 
 
 def update(ids, position, **changes):
-    fields = {"stamp": 0.0, "source": "camera", "frame": "world", "snapshot": False, "points": 1}
-    fields |= {"radius": [0.1], "position_error": [0.0], "velocity_error": []}
-    return ObstacleUpdate(ids=ids, position=position, **(fields | changes))
+    fields = {"source": "camera", "radius": 0.1} | changes
+    return ObstaclesMessage(ids, 0.0, position=pack(position), **fields)
+
+
+def pack(numbers):
+    return np.array(numbers, float).tobytes()
+
+
+def state(q):
+    return JointState(0.0, [f"joint {k}" for k in range(7)], pack(q), bytes(56), now=0.0)
 
 
 def draw(scene):
@@ -38,8 +47,8 @@ def test_the_arm_is_drawn_where_it_is_in_the_colour_of_its_level(made):
     robot, data, settings = made
     scene = Scene(data, settings)
     assert "arm" not in draw(scene), "nothing is known of it"
-    scene.take_state(JointState(0.0, 0.0, HOME.tolist(), [0.0] * 7))
-    scene.take_state(JointState(0.0, 0.0, ["NaN"] * 7, [0.0] * 7))
+    scene.take_state(state(HOME))
+    scene.take_state(state([np.nan] * 7))
     colors = []
     for level in ("STOP", "CLEAR", "unheard of"):
         scene.take_level(level)
@@ -57,7 +66,7 @@ def test_the_arm_is_drawn_where_it_is_in_the_colour_of_its_level(made):
 def test_obstacles_are_drawn_as_they_were_reported(made):
     _, data, settings = made
     scene = Scene(data, settings)
-    scene.take_static(StaticObstacle(id="post", position=[0, 0, 0, 0, 0, 1], radius=0.2))
+    scene.take_static(StaticObstacle(id="post", position=pack([0, 0, 0, 0, 0, 1]), radius=0.2))
     scene.take_update(update(["a", "b"], [1, 2, 3, "NaN", 0, 0]))
     scene.take_update(update(["c"], [1, 0, 0], source="scanner", frame="tilted"))
     parts = draw(scene)["obstacles"]
@@ -66,9 +75,9 @@ def test_obstacles_are_drawn_as_they_were_reported(made):
     assert len(parts["lines"][0]["points"]) == 2
     scene.take_update(update(["far"], [1e308, 1e308, "Infinity"], frame="tilted"))
     scene.take_update(update(["d"], [9, 9, 9], snapshot=True))
-    scene.take_removal(Removal(ids=["c"], source="camera"))
+    scene.take_removal(RemoveMessage(["c"], 0.0, "camera"))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["post", "c", "d"]
-    scene.take_removal(Removal(ids=["c", "post"]))
+    scene.take_removal(RemoveMessage(["c", "post"], np.nan, ""))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["d"]
 
 
@@ -76,10 +85,10 @@ def test_a_heartbeat_changes_nothing_and_an_empty_snapshot_clears_the_cell(made)
     _, data, settings = made
     scene = Scene(data, settings)
     scene.take_update(update(["a"], [1, 2, 3]))
-    scene.take_update(update([], [], radius=[]))
-    scene.take_update(update([], [], radius=[], frame="tilted"))
+    scene.take_update(update([], []))
+    scene.take_update(update([], [], frame="tilted"))
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["a"]
-    scene.take_update(update([], [], radius=[], snapshot=True))
+    scene.take_update(update([], [], snapshot=True))
     assert not draw(scene)["obstacles"]["texts"]
 
 

@@ -10,15 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from armguard.exceptions import ArmguardError
-from armguard.streams.messages import (
-    AnyMessage,
-    MessageError,
-    decode,
+from armguard.messages.answers import (
     decode_answer,
     encode_plan_verdict,
     encode_reset_verdict,
     encode_verdict,
 )
+from armguard.messages.incoming import AnyMessage, MessageError, decode
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict
 from armguard.view.messages import decode_message
 from support.stream_messages import World, joints, obstacles

@@ -5,9 +5,9 @@ import time
 import pytest
 import zmq
 
+from armguard.messages.incoming import MessageError, decode
 from armguard.streams import LineInput, Publisher, SocketInput
 from armguard.streams.inputs import BYTE_LIMIT, WAITING_BYTES
-from armguard.streams.messages import MessageError, decode
 from support.stream_messages import World, obstacles
 from support.stream_sockets import PATIENCE, attend
 

@@ -2,9 +2,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from armguard.messages.incoming import decode
 from armguard.streams import SourceLimits
 from armguard.streams.limits import MessageAllowance
-from armguard.streams.messages import decode
 from support.stream_messages import World, obstacles, pack
 
 

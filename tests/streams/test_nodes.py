@@ -9,6 +9,8 @@ import zmq
 
 from armguard.clock import MonotonicClock
 from armguard.exceptions import StreamError
+from armguard.messages.answers import encode_verdict
+from armguard.messages.incoming import decode
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import (
     Edge,
@@ -19,7 +21,6 @@ from armguard.streams import (
     VerdictReader,
 )
 from armguard.streams.edge import OwnPoints, StampClock
-from armguard.streams.messages import decode, encode_verdict
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 from support.stream_sockets import PATIENCE, attend
 

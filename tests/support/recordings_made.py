@@ -3,8 +3,8 @@
 import contextlib
 import os
 
+from armguard.messages.answers import VerdictMessage, read_verdict
 from armguard.recording import Recorder, Recording
-from armguard.recording.events import VerdictTold, read_verdict
 from support import eventful_runs
 
 
@@ -24,7 +24,7 @@ def read_events(path):
 
 def read_verdicts(path):
     """The verdicts of a recording."""
-    return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictTold)]
+    return [read_verdict(event) for event in read_events(path) if isinstance(event, VerdictMessage)]
 
 
 def is_running(pid):

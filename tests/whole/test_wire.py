@@ -13,17 +13,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from armguard.streams import VerdictReader
-from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
-from armguard.streams.messages import (
-    AnyMessage,
+from armguard.messages.answers import (
     CertificateMessage,
     PlanVerdictMessage,
     ReasonMessage,
     ResetVerdictMessage,
     VerdictMessage,
-    decode,
 )
+from armguard.messages.incoming import AnyMessage, decode
+from armguard.streams import VerdictReader
+from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.verdict import Level
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -157,9 +157,11 @@ def read_plan(plan: object, joints: int) -> Plan | Refusal:
     """The plan with float64 copies for arrays, or what is malformed about it.
 
     Args:
-        plan: Anything at all.
+        plan: Anything at all; a refusal stands for a plan that was refused so.
         joints: How many joints the robot has.
     """
+    if isinstance(plan, Refusal):
+        return plan
     if not isinstance(plan, Plan):
         return Refusal("plan", f"is a {type(plan).__name__}, expected an armguard.Plan")
     return _copy_arrays(plan, joints) or _read_fields(plan, joints)

@@ -11,17 +11,13 @@ import numpy as np
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
-from armguard.recording.events import (
-    Gap,
-    JointState,
-    ObstacleUpdate,
-    PlanAnswered,
-    PlanAsked,
-    VerdictTold,
-)
-from armguard.recording.inputs import restore_plan
+from armguard.messages.answers import PlanVerdictMessage, VerdictMessage, read_verdict
+from armguard.messages.batch import read_batch
+from armguard.messages.incoming import ObstaclesMessage, PlanMessage
+from armguard.recording.events import Gap, JointState, MalformedPlan, MalformedState
+from armguard.recording.inputs import restore_plan, restore_state
 from armguard.recording.reading import Recording
-from armguard.robot.portable import RestoredRobot, read_numbers
+from armguard.robot.portable import RestoredRobot
 from armguard.robot.robot import Robot
 
 _FEWEST_STATES = 10
@@ -95,33 +91,31 @@ def observe(recording: Recording) -> Observations:
     waiting: list[tuple[str, float]] = []
     is_lossy = False
     for _, event, _ in recording.events():
-        if isinstance(event, JointState):
-            now = float(event.now)
-            if np.isfinite(now):
+        if isinstance(event, JointState | MalformedState):
+            if np.isfinite(event.now):
                 for source, stamp in waiting:
-                    messages[source].append((stamp, now))
+                    messages[source].append((stamp, event.now))
                 waiting.clear()
-            row = _read_state(event, count)
-            if row is not None:
+            row = _read_state(event)
+            if len(row) == 1 + 2 * count and np.isfinite(row).all():
                 rows.append(row)
-        elif isinstance(event, VerdictTold):
-            verdicts.append((float(event.stamp), event.level == "STOP"))
-        elif isinstance(event, PlanAsked):
+        elif isinstance(event, VerdictMessage):
+            verdicts.append((read_verdict(event).stamp, event.level == "STOP"))
+        elif isinstance(event, PlanMessage | MalformedPlan):
             restored = restore_plan(event)
             asked = restored if isinstance(restored, Plan) else None
-        elif isinstance(event, PlanAnswered):
+        elif isinstance(event, PlanVerdictMessage):
             if event.safe and asked is not None:
                 plans.append((verdicts[-1][0] if verdicts else -np.inf, asked))
             asked = None
-        elif isinstance(event, ObstacleUpdate):
-            stamp = float(event.stamp)
+        elif isinstance(event, ObstaclesMessage):
             # It arrived for the tick that comes next.
-            waiting.append((event.source, stamp))
+            waiting.append((event.source, event.stamp))
             if not event.ids:
                 continue  # A heartbeat is a message like any other, but tells of no obstacle.
-            positions = read_numbers(event.position).reshape(len(event.ids), -1, 3)
+            positions = read_batch(event).position.reshape(len(event.ids), -1, 3)
             for name, points in zip(event.ids, positions, strict=True):
-                seen[event.source][name].append([stamp, *points[0]])
+                seen[event.source][name].append([event.stamp, *points[0]])
         elif isinstance(event, Gap):
             is_lossy = True
     states = np.array(rows).reshape(-1, 1 + 2 * count)
@@ -156,14 +150,12 @@ def observe(recording: Recording) -> Observations:
     )
 
 
-def _read_state(event: JointState, count: int) -> list[float] | None:
-    """Stamp, q and v of a joint state; None if it could not be used."""
-    if not (isinstance(event.q, list) and isinstance(event.v, list)):
-        return None
-    values = [float(value) for value in (event.stamp, *event.q, *event.v)]
-    if len(values) != 1 + 2 * count or not np.isfinite(values).all():
-        return None
-    return values
+def _read_state(event: JointState | MalformedState) -> list[float]:
+    """Stamp, q and v of a joint state; nothing of what was none."""
+    if isinstance(event, MalformedState):
+        return []
+    _, q, v, _ = restore_state(event)
+    return [event.stamp, *q, *v]
 
 
 def _find_stops(verdicts: list[tuple[float, bool]]) -> list[StopCommand]:

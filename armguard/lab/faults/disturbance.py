@@ -17,7 +17,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from armguard.streams.messages import AnyMessage, JointsMessage, ObstaclesMessage, encode
+from armguard.messages.incoming import AnyMessage, JointsMessage, ObstaclesMessage, encode
 from armguard.streams.nodes import Publisher
 
 Kind = Literal[

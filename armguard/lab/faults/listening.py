@@ -12,7 +12,8 @@ from typing import IO, NamedTuple
 
 import zmq
 
-from armguard.streams.messages import MessageError, decode_answer
+from armguard.messages.answers import decode_answer
+from armguard.messages.incoming import MessageError
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 
 POLL_INTERVAL = 50

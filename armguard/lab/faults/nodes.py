@@ -30,10 +30,10 @@ from armguard.lab.faults.scene import (
 )
 from armguard.lab.simulation.arm import SimulatedArm
 from armguard.lab.simulation.processes import run_device, start_device
+from armguard.messages.incoming import ObstaclesMessage
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.inputs import LineInput
-from armguard.streams.messages import ObstaclesMessage
 from armguard.streams.nodes import VerdictReader
 
 STEP = 0.001

@@ -12,8 +12,8 @@ from armguard.lab.faults.disturbance import (
     disturb,
     make_crowd,
 )
+from armguard.messages.incoming import JointsMessage, ObstaclesMessage, RemoveMessage, decode
 from armguard.streams import SocketInput
-from armguard.streams.messages import JointsMessage, ObstaclesMessage, RemoveMessage, decode
 from support.stream_sockets import attend
 
 NOW = 100.0

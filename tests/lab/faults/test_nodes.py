@@ -14,8 +14,8 @@ import pytest
 from armguard.lab.faults import nodes
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.scene import make_trajectory, sample_people, visit_period
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage, decode
 from armguard.streams import SocketInput, VerdictPublisher
-from armguard.streams.messages import ObstaclesMessage, RemoveMessage, decode
 from armguard.verdict import Level
 from support.verdict_samples import verdict
 from support.waiting import wait_until

@@ -1,0 +1,1 @@
+"""One set of messages: for the wire, for recordings, and for journals."""

@@ -1,0 +1,90 @@
+"""A batch of obstacle states as arrays: what one source saw at one time.
+
+Its fields are the parameters of `Obstacles.update`, in their order, so that a batch is given to a
+table by `update(*batch)`. On the wire and in recordings it is an `ObstaclesMessage`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.messages.incoming import ObstaclesMessage, Values, to_points, to_values
+
+Field = float | NDArray[np.float64]
+"""One number for all obstacles, or one for each: shape (n,)."""
+
+
+class ObstacleBatch(NamedTuple):
+    """States of n obstacles, k points each; units as in `Obstacles.update`."""
+
+    ids: list[str]
+    stamp: float
+    """[s]."""
+    position: NDArray[np.float64]
+    """[m]. Shape (n, 3) or (n, k, 3)."""
+    velocity: NDArray[np.float64] | None
+    """[m/s]; None: not measured. Shape as of `position`."""
+    radius: Field | None
+    """[m]."""
+    accel: Field | None
+    """[m/s²]; None: the table's for each id."""
+    speed: Field | None
+    """[m/s]; None: the table's for each id."""
+    position_error: Field
+    """[m]."""
+    velocity_error: Field
+    """[m/s]."""
+    source: str
+    frame: str
+    snapshot: bool
+
+
+def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
+    """The message that holds a batch; its arrays are copied."""
+    ids, stamp, position, velocity, *fields, source, frame, snapshot = batch
+    packed: list[Any] = [
+        field.tobytes() if isinstance(field, np.ndarray) else field for field in fields
+    ]
+    return ObstaclesMessage(
+        ids,
+        stamp,
+        source,
+        None,
+        frame,
+        snapshot,
+        position.tobytes(),
+        None if velocity is None else velocity.tobytes(),
+        *packed,
+    )
+
+
+def read_batch(message: ObstaclesMessage) -> ObstacleBatch:
+    """The batch that a message holds.
+
+    Raises:
+        MessageError: A field has more or fewer numbers than its ids ask for.
+    """
+    count = len(message.ids)
+
+    def read(name: str) -> Any:
+        value: Values | None = getattr(message, name)
+        return value if value is None or isinstance(value, float) else to_values(name, value, count)
+
+    velocity = message.velocity
+    return ObstacleBatch(
+        message.ids,
+        message.stamp,
+        to_points("position", message.position, count),
+        None if velocity is None else to_points("velocity", velocity, count),
+        read("radius"),
+        read("accel"),
+        read("speed"),
+        read("position_error"),
+        read("velocity_error"),
+        message.source,
+        message.frame,
+        message.snapshot,
+    )
