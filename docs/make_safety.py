@@ -16,7 +16,7 @@ armguard is software for research and integration, **no certified safety device*
 
 ## What every verdict rests on
 
-A CLEAR is a proof, and a proof has premises. armguard checks what it can, and says STOP where it finds one broken; the rest is up to you. `armguard run` and `armguard demo` print each in a line, with what they were told:
+A CLEAR is a proof, and a proof has premises. armguard checks what it can, and says STOP where it finds one broken; the rest is up to you. `armguard run` and `armguard demo` say after their addresses how many premises there are; with `--premises` they print each in a line:
 """
 
 LIMITS = """## What it does not do

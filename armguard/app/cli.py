@@ -22,7 +22,7 @@ import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal, Protocol, get_type_hints
 
 import tyro
 
@@ -740,9 +740,25 @@ def _parse(arguments: Sequence[str] | None) -> Command:
             )
     except SystemExit as end:
         if end.code not in (0, None):
-            complain(_one_line(messages.getvalue()))
+            complain(_one_line(messages.getvalue()) + _suggest_options(given))
             raise SystemExit(MISTAKE) from None
         raise
+
+
+def _suggest_options(given: Sequence[str]) -> str:
+    """The options nearest to those that a command does not have, as the end of a message."""
+    if given[0] not in COMMANDS:
+        return ""
+    names = []
+    for name, hint in get_type_hints(COMMANDS[given[0]], include_extras=True).items():
+        extras = getattr(hint, "__metadata__", ())
+        if tyro.conf.Positional not in extras:
+            renamed = [one.name for one in extras if getattr(one, "name", None)]
+            names.append("--" + (renamed or [name])[0].replace("_", "-"))
+    words = {word.partition("=")[0].replace("_", "-") for word in given if word.startswith("--")}
+    unknown = sorted(words - {*names, "--help"})
+    near = [one for word in unknown for one in difflib.get_close_matches(word, names, 1)]
+    return f": did you mean {' and '.join(near)}?" if near else ""
 
 
 def _one_line(box: str) -> str:

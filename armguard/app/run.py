@@ -140,6 +140,11 @@ def supervise(
             views = {} if publisher is None else {"view": publisher.address}
             for name, address in {**addresses, **views}.items():
                 announcer.tell(f"{name} at {'standard input' if address == '-' else address}")
+            told = [summarise_premises()]
+            if premises:
+                told = list_premises(observer.monitor, cell.drawn_links)
+            for line in told:
+                announcer.tell(line)
 
         def tell_prepared(monitor: Monitor) -> None:
             waiting.stop()
@@ -150,11 +155,6 @@ def supervise(
             missing = describe_missing_limits(monitor)
             if missing is not None and not quiet:
                 announcer.tell(missing)
-            told = [summarise_premises()]
-            if premises:
-                told = list_premises(monitor, cell.drawn_links)
-            for line in () if quiet else told:
-                announcer.tell(line)
 
         is_auto = cell.tables.settings == AUTO
         waiting = console.status("choosing settings by a trial" if is_auto else "starting")

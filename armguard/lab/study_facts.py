@@ -38,6 +38,11 @@ def describe_machine(provenance: dict[str, str]) -> str:
     return f"{provenance['processor']}, {os.cpu_count()} cores, {provenance['machine']}"
 
 
+def describe_versions(provenance: dict[str, str]) -> str:
+    """Versions of what `VERSIONS` names, as `describe_provenance` told them."""
+    return ", ".join(f"{name} {provenance[name]}" for name in VERSIONS)
+
+
 def list_facts(seed: int) -> dict[str, str]:
     """Machine, versions and seed, by name.
 
@@ -47,7 +52,7 @@ def list_facts(seed: int) -> dict[str, str]:
     provenance = describe_provenance(Robot.load("panda"))
     return {
         "machine": describe_machine(provenance),
-        "versions": ", ".join(f"{name} {provenance[name]}" for name in VERSIONS),
+        "versions": describe_versions(provenance),
         "seed": str(seed),
     }
 

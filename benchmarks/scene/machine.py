@@ -16,7 +16,7 @@ def describe_machine(*, load: bool = True) -> str:
         lines = path.read_text(encoding="utf-8").splitlines()
         model = next((x.partition(":")[2].strip() for x in lines if "model name" in x), model)
     versions = [f"Python {platform.python_version()}"]
-    for package in ("numpy", "numba", "pin", "coal", "mujoco"):
+    for package in ("armguard", "numpy", "numba", "pin", "coal", "mujoco"):
         try:
             versions.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:

@@ -75,6 +75,41 @@ def test_help_that_nobody_reads_to_its_end_is_no_mistake(arguments):
     assert (told.returncode, told.stderr) == (0, b"")
 
 
+@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2, 0.35, 0.6, 1.0])
+@pytest.mark.parametrize(
+    "arguments",
+    [["demo", "--no-view"], ["run", "demos/cell.toml"], ["--help"], ["robots"], ["replay", "none"]],
+    ids=lambda value: value[0],
+)
+def test_an_interrupt_while_a_command_starts_is_one_line(arguments, delay):
+    with subprocess.Popen(
+        [ARMGUARD, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        start_new_session=True,
+    ) as command:
+        time.sleep(delay)
+        command.send_signal(signal.SIGINT)
+        _, err = command.communicate(timeout=60)
+    if "KeyboardInterrupt" in err and str(ARMGUARD) not in err:
+        pytest.skip("a busy machine: Python itself was still starting")
+    assert "Traceback" not in err
+    assert command.returncode in (0, 2, 130), err  # 0 and 2: it had ended before
+    if command.returncode == 130:
+        assert re.search(r"^armguard: interrupted.*\n\Z", err, re.MULTILINE)
+
+
+def test_a_command_in_the_background_of_a_shell_goes_on_ignoring_interrupts():
+    """Which a shell without job control asks for, for all that it starts with `&`."""
+    script = f'"{ARMGUARD}" --help & sleep 0.2; kill -INT $!; wait $!'
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "usage: armguard" in done.stdout
+
+
 def test_help_tells_the_addresses_that_count_where_none_is_given(capsys):
     with pytest.raises(SystemExit):
         main(["run", "--help"])
@@ -101,6 +136,10 @@ def test_help_of_each_command_has_an_example(capsys):
         (["dmeo"], "did you mean demo?"),
         (["nothing-like-it"], "armguard --help"),
         (["demo", "--speed", "3"], "--speed"),
+        (["demo", "--sped", "3"], "Unrecognized options: --sped, 3: did you mean --seed?"),
+        (["demo", "--durations=3", "--recrod", "x"], "did you mean --duration and --record?"),
+        (["cover", "panda", "--imprt", "spheres.yml"], "did you mean --import?"),
+        (["run", "cell.toml", "--cel", "x"], "Unrecognized options: --cel, x\n"),
         (["demo", "--duration", "long"], "--duration"),
         (["demo", "--duration", "nan"], "--duration"),
         (["demo", "--duration", "0"], "--duration"),

@@ -18,7 +18,7 @@ import zmq
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
-from armguard.app.premises import Premise
+from armguard.app.premises import Premise, summarise_premises
 from armguard.app.run import describe_missing_limits, describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
@@ -307,6 +307,15 @@ def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_p
     assert "cannot be told from the finest: its level in" in told
     for premise in Premise:
         assert f"premise: {premise.text}" in told
+        assert told.index("verdicts at ") < told.index(premise.text)
+
+
+def test_premises_are_one_line_after_the_addresses(cell, addresses, capfd):
+    options = ["--duration", "0.1", "--no-realtime", "--json"]
+    assert main(["run", str(cell), *addresses, *options]) == 0
+    told = capfd.readouterr().err
+    assert "premise: " not in told
+    assert told.index("verdicts at ") < told.index(summarise_premises())
 
 
 def test_a_start_without_operating_limits_says_what_that_costs():

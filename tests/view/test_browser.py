@@ -530,6 +530,11 @@ def test_a_level_that_is_held_tells_its_cause_and_when_it_may_rise(feed, page):
     page.set_viewport_size({"width": 900, "height": 600})
     # Nothing on the page moves when the level begins to be held.
     assert all(before == after for before, after in sizes)
+    # Without data it is not known when that will be.
+    feed.fall_silent()
+    wait_for_text(page, "silence", "last: STOP")
+    assert page.inner_text("#cause") == f"since 39.90 s: {cause}"
+    feed.speak()
     feed.show("STOP", sequence=0)
     wait_for_text(page, "level", "WAITING")
     assert page.inner_text("#cause").strip() == ""

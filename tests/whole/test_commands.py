@@ -2,12 +2,14 @@
 
 Commands are taken from fenced blocks (`sh`, `console`) and from indented lines that begin with
 `armguard`. In a folder that is laid out like a checkout, with the files that a page has its reader
-bring, and in the environment that the tests run in:
+bring, and in the environment that the tests run in unless said otherwise:
 
 - `RUN`: run to their end, which has to be good, on a short recording of ours.
 - `LIVE`: started together, seen to work with each other, and ended by Ctrl-C, all on the ports
   that the pages name.
 - Blocks of `console`: run by test_readme.py.
+- These and those of `LIVE`, and what else Start has its reader run that ends by itself: run in the
+  environment that Start's first command makes, where `ARMGUARD_START` names it, as in `.ci/run`.
 - All other commands of `armguard` are only parsed, by the parser of the command line itself: they
   take minutes, ask on a terminal, or serve until Ctrl-C. Each file that one reads has to be there,
   be brought by the reader, or be made by an earlier command of the page.
@@ -41,6 +43,8 @@ PAGES = {
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"))
 }
 PATIENCE = 300.0  # a cold start compiles
+START = Path(os.environ.get("ARMGUARD_START", sys.prefix))
+"""The environment that docs/start.md makes; where there is none, that of the tests."""
 
 BROUGHT = {
     "arms": {"FILE.urdf"},
@@ -90,7 +94,7 @@ LIVE = {
 NOT_RUN = {
     "python3 -m venv": "makes the environment, from the network",
     "source .venv/bin/activate": "is for a person's shell",
-    ".venv/bin/pip install": "installs from the network; .ci/run does",
+    ".venv/bin/pip install": "installs from the network; .ci/run does, for README and for Start",
     ".venv/bin/pytest": "would run the tests within themselves",
     ".venv/bin/ruff": "is what .ci/run does",
     ".venv/bin/mypy": "is what .ci/run does",
@@ -135,9 +139,9 @@ def checkout(tmp_path, monkeypatch):
     """A folder like a checkout, with an environment; the working directory."""
     for part in ("demos", "docs/arm", "docs/nodes"):
         shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / ".venv").symlink_to(Path(sys.prefix))
+    (tmp_path / ".venv").symlink_to(START)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", f"{START / 'bin'}{os.pathsep}{os.environ['PATH']}")
     return tmp_path
 
 
@@ -183,6 +187,26 @@ def test_what_is_quick_runs_to_its_end(name, checkout, capsys):
         assert main(["cover", "panda", "--export", "spheres.yml"]) == 0
     for command in RUN[name]:
         assert main(shlex.split(command)[1:]) == 0, f"{command}: {capsys.readouterr().err}"
+
+
+@pytest.mark.skipif("ARMGUARD_START" not in os.environ, reason=".ci/run makes that environment")
+def test_start_works_in_the_environment_that_it_makes(checkout):
+    assert not (START / "bin" / "pytest").exists(), "that of the tests is another one"
+    chosen = ["source .venv/bin/activate"]
+    chosen += [one for one, _ in ALL["start"] if one.startswith("armguard cover ")]
+    # Its extras are for pages that it leads to.
+    commissioned_runs.record(checkout / "run.mcap")
+    chosen += ["armguard replay run.mcap", "armguard commission run.mcap --out commissioned"]
+    done = subprocess.run(
+        ["bash", "-ec", "\n".join(chosen)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        timeout=PATIENCE,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert list((checkout / "commissioned").glob("*.png"))
 
 
 @contextlib.contextmanager

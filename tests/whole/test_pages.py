@@ -37,3 +37,17 @@ def test_each_page_is_in_the_navigation():
     named = set(re.findall(r"[\w-]+\.md\b", config))
     missing = {page.name for page in DOCS.glob("*.md")} - named
     assert not missing, f"name them in mkdocs.yml, under nav: {sorted(missing)}"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("README.md", "docs/contact.md", "docs/extremes.md", "docs/faults.md", "docs/keys.md"),
+        *("docs/paper/README.md", "docs/performance.md", "docs/recording.md", "docs/sensors.md"),
+        *("docs/several_arms.md", "docs/start.md", "docs/usefulness.md", "docs/view.md"),
+    ],
+)
+def test_a_page_of_measured_times_names_its_machine_and_version(name):
+    page = (ROOT / name).read_text(encoding="utf-8")
+    assert re.search(r"\barmguard \d+\.\d+\.\d+\b", page)
+    assert re.search(r"EPYC|Xeon|processor .{0,10}was not noted|Machine: \w+", page)

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -26,7 +27,8 @@ PAGES = {
     )
 }
 README = PAGES["README"]
-ARMGUARD = Path(sys.executable).with_name("armguard")
+# In the environment that docs/start.md makes, where there is one (see test_commands.py).
+ARMGUARD = Path(os.environ.get("ARMGUARD_START", sys.prefix), "bin", "armguard")
 
 
 def read_blocks(language, page=README):

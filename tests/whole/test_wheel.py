@@ -27,3 +27,5 @@ def test_robots_are_found_in_a_wheel(tmp_path):
         text=True,
     )
     assert result.stdout.split() == [str(tmp_path / "unpacked/armguard/robots"), "panda_link1"]
+    # What the console script imports.
+    assert (tmp_path / "unpacked/armguard_command.py").is_file()

@@ -60,12 +60,13 @@ def write_cell_lines(found: Findings) -> str:
             "",
         ]
     for name, source in found.sources.items():
-        silence = round_up(1.5 * max(source.usual_silence, 1.0 / source.rate))
+        rest = f"the longest that was no STOP here, {source.quiet_silence:.3g} s"
+        if source.uncovered:
+            rest += f"; not covered: {source.uncovered} up to {source.longest_silence:.3g} s"
         lines += [
             f"[sources.{quote_key(name)}]",
             f"rate = {round_down(source.rate)}",
-            f"timeout = {silence} # half as long again as 99 of 100 silences; the longest was "
-            f"{source.longest_silence:.3g} s",
+            f"timeout = {round_up(source.timeout)} # silence half as long again as {rest}",
         ]
         if not math.isnan(source.spread):
             spread = round_up(source.spread)

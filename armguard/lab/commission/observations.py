@@ -49,6 +49,8 @@ class SourceObservations(NamedTuple):
     """When each was taken in, counted from its stamp, in [s]. Shape (messages,)."""
     tracks: dict[str, tuple[FloatArray, FloatArray]]
     """By id: stamps in [s], shape (n,), and positions of the first points in [m], shape (n, 3)."""
+    timeout: float = float("inf")
+    """Silence that it could keep without a STOP, by the recorded settings, in [s]."""
 
 
 class Observations(NamedTuple):
@@ -129,6 +131,8 @@ def observe(recording: Recording) -> Observations:
     stops = _find_stops(verdicts)
     end = max(float(states[-1, 0]), verdicts[-1][0] if verdicts else -np.inf)
     settings = recording.settings["monitor"]
+    stated = recording.settings["obstacles"]["sources"] or ()
+    timeouts = {one["name"]: one["timeout"] for one in stated}
     return Observations(
         robot,
         states[:, 0],
@@ -141,6 +145,7 @@ def observe(recording: Recording) -> Observations:
                 np.array([stamp for stamp, _ in sent]),
                 np.array([came - stamp for stamp, came in sent]),
                 {id: _split(np.array(track)) for id, track in seen[name].items()},
+                float(timeouts.get(name) or settings["source_timeout"]),
             )
             for name, sent in messages.items()
         },

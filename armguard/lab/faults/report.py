@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import platform
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,8 @@ from armguard.lab.faults.campaign import PATIENCE, CampaignReport
 from armguard.lab.faults.outcome import Outcome
 from armguard.lab.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
 from armguard.lab.pages import write_table
+from armguard.lab.study_facts import describe_machine, describe_versions
+from armguard.recording.provenance import describe_software
 from armguard.streams.faults import quote
 
 COLUMNS = (
@@ -85,7 +85,8 @@ def write_page(report: CampaignReport) -> str:
         + (f", with {one.lost} events lost" if one.lost else ", nothing lost")
         for one in report.replayed
     ]
-    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    software = describe_software()
+    machine = f"{describe_machine(software)}; {describe_versions(software)}"
     setting = (
         f"{len(report.outcomes)} faults in {report.duration / 60.0:.1f} minutes at 1 kHz on "
         f"{machine}. In the cell file: latency {1e3 * LATENCY:.0f} ms, joint_timeout "
@@ -120,7 +121,10 @@ def summarise(report: CampaignReport) -> str:
 
 def describe(report: CampaignReport) -> dict[str, Any]:
     """The report as plain data, for `--json`."""
+    software = describe_software()
     return {
+        "machine": describe_machine(software),
+        "versions": describe_versions(software),
         "passed": report.passed,
         "seconds": round(report.duration, 1),
         "contacts": report.whole.contacts,

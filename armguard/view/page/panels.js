@@ -110,8 +110,8 @@ export class Panels {
   showCause({ sequence, now, wall, since, cause, rises_at }) {
     const isKnown = sequence > 0 && since !== null, isHeld = isKnown && rises_at !== null;
     element("began").textContent = isKnown
-      ? `since ${tellTime(since, now, wall)}${cause && ": "}${cause}${isHeld ? ";" : ""}` : "";
-    element("rises").textContent = isHeld ? `may rise in ${Math.max(0, rises_at - now).toFixed(1)} s` : "";
+      ? `since ${tellTime(since, now, wall)}${cause && ": "}${cause}` : "";
+    element("rises").textContent = isHeld ? `; may rise in ${Math.max(0, rises_at - now).toFixed(1)} s` : "";
   }
 
   showSources(sources) {

@@ -1,15 +1,20 @@
 """`armguard commission` from a recording to lines that the parsers take."""
 
+import itertools
 import re
 
+import numpy as np
 import pytest
 
+from armguard import Monitor, Obstacles, Recorder, Robot
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.lab.commission import commission, observe
 from armguard.lab.commission.command import CELL_FILE, ROBOT_FILE
 from armguard.recording import Recording
+from armguard.recording.replay import Replay
 from armguard.robot.description import read_description
+from armguard.verdict import ReasonKind
 from support import commissioned_runs
 from support.cell_texts import ROBOT
 
@@ -69,6 +74,47 @@ def test_the_command_writes_lines_that_the_parsers_take(recorded, tmp_path, caps
     assert len(entries["panda_joint5"]) > 1
     assert "not found" in entries["panda_joint5"][0].source
     assert 4.5 <= entries["panda_joint1"][0].deceleration <= 5.0
+
+
+@pytest.mark.parametrize(
+    ("stated", "uncovered"), [(0.3, False), (0.1, True)], ids=["kept", "broken at times"]
+)
+def test_the_timeout_that_is_proposed_stops_no_arm_that_was_not_stopped(
+    stated, uncovered, tmp_path, capsys
+):
+    """A camera at 50 Hz that is held up five times for 0.23 s, its messages in a burst after."""
+    path = tmp_path / "run.mcap"
+    obstacles = Obstacles(sources=["camera"])
+    monitor = Monitor(Robot.load("panda"), obstacles, rate=200.0, source_timeout=stated)
+    still = np.zeros(7)
+    with Recorder(path, monitor) as recorder:
+        waiting = []
+        for tick in range(4000):
+            now = tick / 200.0
+            if tick % 4 == 0:
+                waiting.append(now)
+            if not any(0.0 <= now - held < 0.23 for held in (2.0, 5.0, 9.0, 13.0, 17.0)):
+                for stamp in waiting:
+                    obstacles.update(
+                        ["ball"], stamp, [[4.0, 3.0, 0.5]], radius=0.1, source="camera"
+                    )
+                waiting.clear()
+            monitor.step(now, commissioned_runs.READY, still)
+        assert recorder.close() == ""
+    assert main(["commission", str(path)]) == 0
+    lines = capsys.readouterr().out
+    assert ("; not covered: 5 up to 0.2" in lines) == uncovered
+    (timeout,) = re.findall(r"^timeout = ([\d.]+)", lines, re.MULTILINE)
+    begun = []
+    for changes in ({}, {"source_timeout": timeout}):
+        verdicts = [tick.replayed for tick in Replay(Recording(path), changes).ticks()]
+        silent = [
+            any(one.kind is ReasonKind.SOURCE_SILENT for one in verdict.reasons)
+            for verdict in verdicts
+        ]
+        begun.append(sum(now and not before for before, now in itertools.pairwise(silent)))
+    # Where the arm was stopped, it is stopped again, and nowhere else.
+    assert begun == ([5, 5] if uncovered else [0, 0])
 
 
 def test_without_a_folder_lines_are_printed(recorded, capsys):

@@ -47,7 +47,26 @@ def test_silences_are_those_of_data_that_arrive_late():
     arrivals = np.ceil(seen.stamps / 0.2) * 0.2 + 1e-4 * np.arange(4000)
     found = measure_source(seen._replace(ages=arrivals - seen.stamps))
     assert found.usual_silence > 0.19
-    # A timeout below would be a STOP in quiet times.
-    timeout = 1.5 * found.usual_silence
-    silent = np.diff(np.r_[arrivals, np.inf])[:-1] + (arrivals - seen.stamps)[:-1]
-    assert (silent <= timeout).mean() > 0.99
+    assert found.timeout == pytest.approx(1.5 * found.longest_silence)
+
+
+@pytest.mark.parametrize(
+    ("stated", "timeout", "uncovered"),
+    [(0.7, 1.5 * 0.614, 0), (0.3, 1.5 * 0.244, 1), (0.1, 1.5 * 0.024, 2)],
+)
+def test_a_timeout_covers_each_silence_that_was_no_stop(stated, timeout, uncovered):
+    seen = make(messages=4000)
+    stays = np.r_[0:100, 123:300, 360:4000]  # 0.23 and 0.6 s without a message
+    found = measure_source(
+        seen._replace(stamps=seen.stamps[stays], ages=seen.ages[stays], tracks={}, timeout=stated)
+    )
+    assert found.timeout == pytest.approx(timeout)
+    assert found.quiet_silence <= stated
+    assert found.uncovered == uncovered
+
+
+def test_a_source_slower_than_its_timeout_gets_a_longer_one():
+    seen = make(rate=4.0, messages=400)
+    found = measure_source(seen._replace(timeout=0.2))
+    assert found.timeout >= 1.5 * 0.25
+    assert found.uncovered == 0

@@ -8,6 +8,7 @@ from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.outcome import Outcome
 from armguard.lab.faults.report import COLUMNS, describe, draw_table, list_cells, write_page
 from armguard.lab.faults.truth import Closest
+from armguard.recording.provenance import describe_software
 
 FAULT = Fault("dropout", "camera", "disturb", ("SOURCE_SILENT",))
 GOOD = Outcome(
@@ -59,6 +60,9 @@ def test_the_page_has_a_row_a_fault_and_names_what_is_wrong():
     assert len({line.count("|") for line in rows}) == 1
     assert "swap: not detected" in page
     assert "2 faults in 1.5 minutes" in page
+    software = describe_software()
+    assert f" on {software['processor']}, " in page
+    assert f"; armguard {software['armguard']}, " in page
     assert "1000 verdicts replays bit-identically, nothing lost" in page
     assert "Not as it must be" not in write_page(make(GOOD))
     torn = write_page(make(GOOD, replayed=[REPLAYED._replace(identical=False, cut_off=True)]))
@@ -91,3 +95,5 @@ def test_the_object_has_all_of_it():
     assert not told["passed"]
     assert [row["problem"] for row in told["faults"]] == ["", "not detected"]
     assert told["recordings"][0]["identical"]
+    assert describe_software()["processor"] in told["machine"]
+    assert f"armguard {describe_software()['armguard']}" in told["versions"]
