@@ -33,16 +33,13 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
-from armguard.streams.edge import (
-    Edge,
-    ExemptionRequest,
-    OtherArm,
-    PlanRequest,
-    StampClock,
-)
+from armguard.streams.edge import Edge, EdgeSettings
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
+from armguard.streams.other_arm_intake import OtherArm
+from armguard.streams.requests import ExemptionRequest, PlanRequest
+from armguard.streams.stamp_clocks import StampClock
 from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 LONGEST_SPELL = 0.19
@@ -195,22 +192,22 @@ class RateLoop:
         edge = self._edge
         # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
         now = edge.drain(self._inputs)
-        if edge.reset_requested:
-            edge.reset_requested = False
+        if edge.requests.is_reset:
+            edge.requests.is_reset = False
             self.monitor.reset()
             self._obeyed_resets += 1
-        for exemption in edge.exemptions:
+        for exemption in edge.requests.exemptions:
             self._take_exemption(exemption)
-        state = edge.joint_state
+        state = edge.joints.state
         if state is None:
-            verdict = _wait_for_joints(now, edge.dropped_age)
+            verdict = _wait_for_joints(now, edge.joints.dropped_age)
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         self._publish(verdict)
-        for number, obeyed in edge.reset_verdicts:
+        for number, obeyed in edge.requests.reset_verdicts:
             self._answer(number, obeyed)
-        for request in edge.plans:
-            is_newest = request is edge.plans[-1]
+        for request in edge.requests.plans:
+            is_newest = request is edge.requests.plans[-1]
             self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))
         if self._observe is not None:
             self._observe(self, verdict)
@@ -437,21 +434,23 @@ def run(
         robot.joints,
         clock,
         FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
-        stamp_clocks={
-            name: StampClock(source.clock, source.latency, source.clock_error)
-            for name, source in cell.sources.items()
-        },
-        # What this clock is off by is in the robot's joint errors already.
-        joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
-        joint_timeout=monitor.settings.joint_timeout,
-        reset_token=reset_token,
-        limits=cell.source_limits,
-        own_points=cell.make_own_points(robot),
-        drain_time=DRAIN_SHARE * monitor.period,
-        speed=_read_bound(cell, "speed"),
-        accel=_read_bound(cell, "accel"),
-        arm=cell.arm,
-        others=others,
+        EdgeSettings(
+            stamp_clocks={
+                name: StampClock(source.clock, source.latency, source.clock_error)
+                for name, source in cell.sources.items()
+            },
+            # What this clock is off by is in the robot's joint errors already.
+            joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
+            joint_timeout=monitor.settings.joint_timeout,
+            reset_token=reset_token,
+            limits=cell.source_limits,
+            own_points=cell.make_own_points(robot),
+            drain_time=DRAIN_SHARE * monitor.period,
+            speed=_read_bound(cell, "speed"),
+            accel=_read_bound(cell, "accel"),
+            arm=cell.arm,
+            others=others,
+        ),
     )
     opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None
@@ -469,7 +468,7 @@ def run(
             inputs.append(source)
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
-        offset = edge.offset - edge.offset_error
+        offset = edge.times.offset - edge.times.offset_error
         publisher = VerdictPublisher(verdicts_address, offset, authenticator, as_json=json_verdicts)
         opened.append(publisher)
         if listening is not None:

@@ -20,7 +20,7 @@ from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
 from armguard.recording import replay
 from armguard.recording.events import Log, VerdictTold
-from armguard.streams import Edge, FaultLog, Publisher, SocketInput, VerdictReader
+from armguard.streams import Edge, EdgeSettings, FaultLog, Publisher, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
 from support.recordings_made import read_events
 
@@ -64,7 +64,9 @@ def ball(stamp, x=9.0, **changes):
 def make_loop(script, clock, publish, text=CELL, answers=None, rest=None, **options):
     robot, obstacles, monitor = Cell.from_text(text).build()
     faults = FaultLog(clock.now, lambda line: None)
-    edge = Edge(obstacles, robot.joints, clock, faults, monotonic=clock.now, **options)
+    edge = Edge(
+        obstacles, robot.joints, clock, faults, EdgeSettings(monotonic=clock.now, **options)
+    )
 
     def answer(number, verdict):
         if answers is not None:

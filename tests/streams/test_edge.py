@@ -8,7 +8,10 @@ from armguard.clock import ManualClock
 from armguard.exceptions import ObstacleError
 from armguard.obstacles import FaultKind, Obstacles
 from armguard.streams import SourceLimits, StampClock
-from armguard.streams.edge import HELD_UP, OtherArm, OwnPoints, SequenceWatch
+from armguard.streams.cloud_intake import OwnPoints
+from armguard.streams.other_arm_intake import OtherArm
+from armguard.streams.sequence_watch import SequenceWatch
+from armguard.streams.stamp_clocks import HELD_UP
 from support.stream_messages import (
     JOINTS,
     MONOTONIC,
@@ -312,13 +315,13 @@ def test_a_hold_up_at_the_start_does_not_stay(holds):
     clock = HeldUpClock(*holds)
     true_time = lambda: ManualClock.now(clock)  # noqa: E731  # the readings of others take no time
     edge = World(clock, monotonic=lambda: true_time() + MONOTONIC).edge
-    assert edge.offset == pytest.approx(MONOTONIC)
-    assert edge.offset_error == 0.0
+    assert edge.times.offset == pytest.approx(MONOTONIC)
+    assert edge.times.offset_error == 0.0
     # Where it is held up each time, stamps are too old by no more than it says.
     clock.holds = [0.008] * 100
     edge = World(clock, monotonic=lambda: true_time() + MONOTONIC, speed=2.0, accel=10.0).edge
-    assert MONOTONIC <= edge.offset - 1e-9 <= MONOTONIC + edge.offset_error
-    assert edge.offset_error == pytest.approx(0.008)
+    assert MONOTONIC <= edge.times.offset - 1e-9 <= MONOTONIC + edge.times.offset_error
+    assert edge.times.offset_error == pytest.approx(0.008)
 
 
 @pytest.mark.parametrize(("holds", "is_taken"), [([0.008] * 100, False), ([0.008] * 3, True)])
@@ -327,10 +330,10 @@ def test_a_joint_state_is_dated_to_microseconds_or_refused(holds, is_taken):
     world.clock.holds = [0.0, *holds]
     world.send(joints(stamp=UNIX + 4.999))
     if is_taken:
-        assert 4.999 - 60e-6 <= world.edge.joint_state.stamp <= 4.999 + 3e-7
+        assert 4.999 - 60e-6 <= world.edge.joints.state.stamp <= 4.999 + 3e-7
         assert world.faults.total == 0
     else:
-        assert world.edge.joint_state is None
+        assert world.edge.joints.state is None
         assert world.kinds() == ["clocks held up"]
     assert len(world.clock.readings) < 30
 
@@ -470,13 +473,13 @@ def test_more_sources_than_anybody_has_are_refused():
 def test_joint_names_in_any_order_with_extras():
     world = World()
     world.send(joints())
-    state = world.edge.joint_state
+    state = world.edge.joints.state
     assert state.q.tolist() == [1.0, 2.0]
     assert state.v.tolist() == [0.1, 0.2]
     assert state.stamp == pytest.approx(5.0)
     packed = joints(names=JOINTS, q=np.array([3.0, 4.0]).tobytes(), v=[0.0, 0.0])
     world.send(packed)
-    assert world.edge.joint_state.q.tolist() == [3.0, 4.0]
+    assert world.edge.joints.state.q.tolist() == [3.0, 4.0]
     assert world.faults.total == 0
 
 
@@ -493,7 +496,7 @@ def test_joint_names_in_any_order_with_extras():
 def test_joints_that_do_not_fit_are_refused_by_name(changes, text):
     world = World()
     world.send(joints(seq=3, **changes))
-    assert world.edge.joint_state is None
+    assert world.edge.joints.state is None
     assert world.kinds() == ["malformed"]
     assert "joints message 3" in world.lines[0]
     assert re.search(text, world.lines[0])
@@ -503,10 +506,10 @@ def test_an_impossible_joint_state_is_not_hidden_by_a_good_one_after_it():
     world = World()
     good = [joints(stamp=MONOTONIC + later) for later in (5.001, 5.0015)]
     world.send(joints(q=[math.nan, 0.0, 1.0]), *good)
-    assert math.isnan(world.edge.joint_state.q[1])
+    assert math.isnan(world.edge.joints.state.q[1])
     assert world.kinds() == ["not finite"]
     world.send(joints(stamp=MONOTONIC + 5.002))
-    assert world.edge.joint_state.q.tolist() == [1.0, 2.0]
+    assert world.edge.joints.state.q.tolist() == [1.0, 2.0]
 
 
 def test_joint_stamps_that_go_back_are_told():
@@ -519,19 +522,19 @@ def test_a_backlog_at_the_start_is_dropped_and_counted():
     world = World(joint_timeout=0.05)
     old = [joints(stamp=MONOTONIC + 5.0 - age, seq=n) for n, age in enumerate([8.0, 0.2, 0.051])]
     world.send(*old)
-    assert world.edge.joint_state is None
-    assert world.edge.dropped_age == pytest.approx(0.051)
+    assert world.edge.joints.state is None
+    assert world.edge.joints.dropped_age == pytest.approx(0.051)
     assert world.faults.count("backlog") == 3
     assert "joints message 0: joint state is 8 s old, expected at most 0.05 s" in world.lines[0]
     # Obstacles of a backlog are states of some time ago, and go through.
     world.send(obstacles(stamp=MONOTONIC + 1.0))
     assert world.stamp() == pytest.approx(1.0)
     world.send(joints(stamp=MONOTONIC + 4.96, seq=3))
-    assert world.edge.joint_state.stamp == pytest.approx(4.96)
+    assert world.edge.joints.state.stamp == pytest.approx(4.96)
     # From here on a state that is old is the monitor's business, whatever it says.
     world.clock.sleep_until(5.5)
     world.send(joints(stamp=MONOTONIC + 4.97, seq=4))
-    assert world.edge.joint_state.stamp == pytest.approx(4.97)
+    assert world.edge.joints.state.stamp == pytest.approx(4.97)
     assert world.faults.total == 3
 
 
@@ -552,8 +555,8 @@ def test_the_first_joint_states_after_a_backlog_leave_no_gap(rate, seconds):
         before = world.edge.received
         end = world.edge.drain([world.input])
         assert world.edge.received - before <= 64
-        if world.edge.joint_state is not None:
-            taken.append(world.edge.joint_state.stamp)
+        if world.edge.joints.state is not None:
+            taken.append(world.edge.joints.state.stamp)
             assert end - taken[-1] <= 0.05
     assert len(taken) > 100
     assert np.diff(taken).max() <= 0.05
@@ -565,16 +568,16 @@ def test_a_state_that_becomes_stale_in_its_drain_is_no_beginning():
     world = make_held_up_world(joint_timeout=0.05, drain_time=math.inf)
     world.clock.holds = [0.0, 0.2]  # between its message and the end of the drain
     world.send(joints(stamp=MONOTONIC + 4.999))
-    assert world.edge.joint_state is None
+    assert world.edge.joints.state is None
     assert world.kinds() == ["backlog"]
     world.send(joints(stamp=MONOTONIC + 5.2))
-    assert world.edge.joint_state.stamp == pytest.approx(5.2)
+    assert world.edge.joints.state.stamp == pytest.approx(5.2)
 
 
 def test_a_joint_state_at_the_start_whose_time_is_no_number_is_for_the_monitor_to_refuse():
     world = World(joint_timeout=0.05)
     world.send(joints(stamp=math.nan))
-    assert math.isnan(world.edge.joint_state.stamp)
+    assert math.isnan(world.edge.joints.state.stamp)
     assert world.kinds() == ["not finite"]
 
 
@@ -588,11 +591,11 @@ def test_after_a_reset_a_stale_joint_state_is_none(age):
     world.send(joints())
     world.clock.sleep_until(5.0 + age)
     world.send({"type": "reset", "token": "sesame"})
-    assert world.edge.reset_requested
-    assert (world.edge.joint_state is None) == (age > 0.05)
-    world.edge.reset_requested = False
+    assert world.edge.requests.is_reset
+    assert (world.edge.joints.state is None) == (age > 0.05)
+    world.edge.requests.is_reset = False
     world.send(joints(stamp=MONOTONIC + 5.0 + age))
-    assert world.edge.joint_state.stamp == pytest.approx(5.0 + age)
+    assert world.edge.joints.state.stamp == pytest.approx(5.0 + age)
     assert world.faults.total == 0
 
 
@@ -600,12 +603,12 @@ def test_a_reset_needs_the_token_of_the_run():
     closed, opened = World(), World(reset_token="sesame")
     for world in (closed, opened):
         world.send({"type": "reset", "token": "open"}, {"type": "reset", "token": ""})
-        assert not world.edge.reset_requested
+        assert not world.edge.requests.is_reset
         assert world.faults.count("reset refused") == 2
     closed.send({"type": "reset", "token": "sesame"})
     opened.send({"type": "reset", "token": "sesame"})
-    assert not closed.edge.reset_requested
-    assert opened.edge.reset_requested
+    assert not closed.edge.requests.is_reset
+    assert opened.edge.requests.is_reset
 
 
 # Inputs
@@ -713,7 +716,7 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
         {**asked, "number": 9, "zone": np.array(ZONE).tobytes()},
         {"type": "watch", "number": 7},
     )
-    until, listed, packed, end = world.edge.exemptions
+    until, listed, packed, end = world.edge.requests.exemptions
     assert until[:5] == (7, False, "hand", "part*", "eye")
     # Never later than was meant.
     assert 9.0 - 1e-9 <= until.until <= 9.0
@@ -723,12 +726,12 @@ def test_contact_that_is_wanted_needs_the_token_and_its_end_does_not():
         assert np.array_equal(one.zone, ZONE)
     assert (end.number, end.is_end) == (7, True)
     world.send({**asked, "token": "open", "until": 9.0}, {**asked, "zone": [[1.0, 2.0]]})
-    assert world.edge.exemptions == []
+    assert world.edge.requests.exemptions == []
     assert world.faults.count("ignore refused") == 1
     assert world.faults.count("malformed") == 1
     closed = World()
     closed.send({**asked, "until": 9.0})
-    assert closed.edge.exemptions == []
+    assert closed.edge.requests.exemptions == []
     assert closed.faults.count("ignore refused") == 1
 
 
@@ -737,7 +740,7 @@ def test_contact_is_not_wanted_for_longer_because_clocks_differ():
     world = World(reset_token="sesame", joint_clock=clock)
     asked = {"type": "ignore", "number": 7, "token": "sesame", "link": "hand", "ids": "part*"}
     world.send({**asked, "until": MONOTONIC + 9.0})
-    assert 8.98 - 1e-9 <= world.edge.exemptions[0].until <= 8.98
+    assert 8.98 - 1e-9 <= world.edge.requests.exemptions[0].until <= 8.98
 
 
 def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
@@ -752,8 +755,8 @@ def test_a_reset_ends_what_was_asked_for_a_time_before_it_in_the_same_drain():
         {**asked, **until, "number": 3},
         {"type": "reset", "token": "guess"},
     )
-    assert world.edge.reset_requested
-    assert [one.number for one in world.edge.exemptions] == [2, 7, 3]
+    assert world.edge.requests.is_reset
+    assert [one.number for one in world.edge.requests.exemptions] == [2, 7, 3]
 
 
 # Joint states of several arms
@@ -771,7 +774,7 @@ def test_joint_states_go_to_the_arm_that_they_name():
     world, told = two_arms()
     state = {"names": ["tip", "base"], "q": [0.2, 0.1], "v": [0.4, 0.3]}
     world.send(joints(arm="left"), joints(arm="right", **state))
-    assert world.edge.joint_state.q.tolist() == [1.0, 2.0]
+    assert world.edge.joints.state.q.tolist() == [1.0, 2.0]
     ((stamp, q, v),) = told
     assert stamp == pytest.approx(5.0, abs=1e-6)
     assert stamp <= world.clock.now()
@@ -817,7 +820,7 @@ def test_a_state_of_another_arm_from_the_future_is_none_and_reaches_the_verdict(
 def test_a_joint_state_of_no_arm_of_the_cell_moves_none(named):
     world, told = two_arms()
     world.send(joints(**named))
-    assert world.edge.joint_state is None
+    assert world.edge.joints.state is None
     assert not told
     assert world.kinds() == ["malformed"]
 
@@ -825,7 +828,7 @@ def test_a_joint_state_of_no_arm_of_the_cell_moves_none(named):
 def test_a_joint_state_that_names_an_arm_is_refused_where_there_is_one():
     world = World()
     world.send(joints(arm="left"))
-    assert world.edge.joint_state is None
+    assert world.edge.joints.state is None
     assert world.kinds() == ["malformed"]
 
 
@@ -849,8 +852,8 @@ def test_plans_and_wanted_contact_go_to_the_arm_that_they_name():
     asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
     for arm, number in (("right", 1), ("left", 2)):
         world.send(plan(arm=arm, number=number), {**asked, "arm": arm, "number": number})
-    assert [(one.number, one.problem) for one in world.edge.plans] == [(2, "")]
-    assert [one.number for one in world.edge.exemptions] == [2]
+    assert [(one.number, one.problem) for one in world.edge.requests.plans] == [(2, "")]
+    assert [one.number for one in world.edge.requests.exemptions] == [2]
     assert world.faults.total == 0
 
 
@@ -859,9 +862,9 @@ def test_plans_and_wanted_contact_of_no_arm_of_the_cell_are_refused(named):
     world, _ = two_arms(reset_token="sesame")
     asked = {"type": "ignore", "token": "sesame", "link": "hand", "ids": "part*", "zone": ZONE}
     world.send(plan(**named), {**asked, **named, "number": 2})
-    (request,) = world.edge.plans
+    (request,) = world.edge.requests.plans
     assert "arm" in request.problem
-    assert world.edge.exemptions == []
+    assert world.edge.requests.exemptions == []
     assert world.faults.count("malformed") == 2
 
 
@@ -876,7 +879,7 @@ def test_a_plan_that_is_shared_goes_to_the_other_arms_and_is_no_question():
     assert clock_error == pytest.approx(0.04 + HELD_UP), "joint states may be younger by latency"
     assert request.q.tolist() == [[0.1, 0.0], [0.3, 0.2]]
     assert request.velocity_tracking_error.tolist() == [0.5, 0.4]
-    assert world.edge.plans == []
+    assert world.edge.requests.plans == []
     assert world.faults.total == 0
 
 
@@ -901,21 +904,21 @@ def test_ends_of_exemptions_and_resets_go_to_the_arm_that_they_name():
     world, _ = two_arms(reset_token="sesame")
     reset = {"type": "reset", "token": "sesame"}
     world.send({"type": "watch", "number": 7, "arm": "right"}, reset | {"arm": "right"})
-    assert world.edge.exemptions == []
-    assert not world.edge.reset_requested
+    assert world.edge.requests.exemptions == []
+    assert not world.edge.requests.is_reset
     assert world.faults.total == 0
     world.send({"type": "watch", "number": 8}, reset, reset | {"arm": "middle"})
-    assert world.edge.exemptions == []
-    assert not world.edge.reset_requested
+    assert world.edge.requests.exemptions == []
+    assert not world.edge.requests.is_reset
     assert world.faults.count("malformed") == 1
     assert world.faults.count("reset refused") == 2
     world.send({"type": "watch", "number": 9, "arm": "left"}, reset | {"arm": "left"})
-    assert [one.number for one in world.edge.exemptions] == [9]
-    assert world.edge.reset_requested
+    assert [one.number for one in world.edge.requests.exemptions] == [9]
+    assert world.edge.requests.is_reset
 
 
 def test_a_reset_that_names_an_arm_is_refused_where_there_is_one():
     world = World(reset_token="sesame")
     world.send({"type": "reset", "token": "sesame", "arm": "left"})
-    assert not world.edge.reset_requested
+    assert not world.edge.requests.is_reset
     assert world.faults.count("reset refused") == 1

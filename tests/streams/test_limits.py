@@ -4,7 +4,7 @@ import pytest
 
 from armguard.streams import SourceLimits
 from armguard.streams.limits import MessageAllowance
-from armguard.streams.messages import decode
+from armguard.streams.messages import decode, to_points
 from support.stream_messages import World, obstacles, pack
 
 
@@ -63,23 +63,40 @@ def test_a_message_that_is_too_long_for_its_source_is_refused():
     assert len(world.obstacles) == 1
 
 
-def test_what_is_refused_for_its_size_or_rate_is_not_decoded(monkeypatch):
-    decoded = []
+def test_what_is_refused_for_its_size_or_rate_is_decoded_once_and_goes_no_further(monkeypatch):
+    decoded, converted = [], []
     monkeypatch.setattr(
         "armguard.streams.edge.decode", lambda data: decoded.append(data) or decode(data)
     )
+    monkeypatch.setattr(
+        "armguard.streams.obstacle_intake.to_points",
+        lambda field, *rest: converted.append(field) or to_points(field, *rest),
+    )
     world = make_world(message_size=1000, message_rate=3.0)
     long = crowd([str(number) for number in range(1000)])
-    for message in (long, msgspec.json.encode(long), pack(long)[:-1]):
-        world.send(message)
+    sent = [pack(long), msgspec.json.encode(long), pack(long)[:-1]]
+    world.send(*sent)
+    assert decoded == sent
     # The last has no end: it is malformed, whoever sent it.
-    assert [len(data) for data in decoded] == [len(pack(long)) - 1]
+    assert world.faults.count("malformed") == 1
     assert world.faults.count("beyond limit") == 2
+    assert converted == []
     world.send(*(obstacles(seq=number) for number in range(2, 12)))
-    assert len(decoded) == 2
     assert world.faults.count("beyond limit") == 11
+    assert converted == ["position", "velocity"]
     # What was refused was not lost on the way.
     assert world.faults.count("lost") == 0
+
+
+def test_malformed_messages_count_against_the_limits_of_the_source_that_they_name():
+    world = make_world(message_rate=3.0)
+    world.send(*(obstacles(seq=number, radius="wide") for number in range(5)))
+    assert world.faults.counts["malformed", "cam0"] == 3
+    assert world.faults.counts["beyond limit", "cam0"] == 2
+    assert len(told(world)) == 2
+    world = make_world(message_size=1000)
+    world.send(obstacles(radius="wide", ids=[str(number) for number in range(1000)]))
+    assert world.faults.counts["beyond limit", "cam0"] == 1
 
 
 def test_obstacles_beyond_a_limit_are_refused_as_a_whole():

@@ -5,7 +5,7 @@ import numpy as np
 
 from armguard.clock import ManualClock
 from armguard.obstacles import Frame, Obstacles
-from armguard.streams import Edge, FaultLog
+from armguard.streams import Edge, EdgeSettings, FaultLog
 
 JOINTS = ["shoulder", "elbow"]
 MONOTONIC = 1000.0
@@ -40,7 +40,9 @@ class World:
             "monotonic": lambda: self.clock.now() + MONOTONIC,
             "unix": lambda: self.clock.now() + UNIX,
         }
-        self.edge = Edge(self.obstacles, JOINTS, self.clock, self.faults, **(clocks | options))
+        self.edge = Edge(
+            self.obstacles, JOINTS, self.clock, self.faults, EdgeSettings(**(clocks | options))
+        )
 
     def send(self, *messages):
         self.input.waiting += [pack(message) for message in messages]
