@@ -82,11 +82,12 @@ class JointIntake:
         intake.follow(self._watch, "joints", sequence)
         try:
             self._arms.check(message)
-            q, v = self.order.read(message)
+            values = self.order.read(message)
         except MessageError as error:
             intake.faults.add("malformed", "joints", sequence, str(error))
             return
-        usable = math.isfinite(message.stamp) and is_finite(q) and is_finite(v)
+        q, v = values
+        usable = math.isfinite(message.stamp) and is_finite(values)
         if not usable:
             named = {"stamp": message.stamp, "q": q, "v": v}
             usable = intake.check_finite("joints", sequence, named)
