@@ -21,7 +21,7 @@ class ArmNames:
     """The arms of the cell.
 
     Args:
-        watched: Name of the watched arm; empty where there is one.
+        watched: Name of the watched arm; empty where there is one. Messages about it name it so.
         others: Names of the others.
     """
 
@@ -29,10 +29,9 @@ class ArmNames:
         self.watched = watched
         self.others = others
 
-    def check(self, message: ArmMessage) -> None:
-        """Raise MessageError if a message does not name the watched arm as the cell has it."""
-        if message.arm != self.watched:
-            found = repr(message.arm) if message.arm else "missing"
-            known = ", ".join(map(repr, (self.watched, *self.others)))
-            expected = f"one of {known}" if self.watched else "none: the cell has one arm"
-            raise MessageError("arm", found, expected)
+    def refuse(self, message: ArmMessage) -> MessageError:
+        """The error of a message that does not name the watched arm as the cell has it."""
+        found = repr(message.arm) if message.arm else "missing"
+        known = ", ".join(map(repr, (self.watched, *self.others)))
+        expected = f"one of {known}" if self.watched else "none: the cell has one arm"
+        return MessageError("arm", found, expected)

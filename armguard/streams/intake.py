@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.faults import FaultLog
 from armguard.streams.messages import MessageError
-from armguard.streams.sequence_watch import SequenceWatch
 from armguard.streams.stamp_clocks import HELD_UP, StampTimes
 
 _SUMMED_IN_PYTHON = 32
@@ -34,9 +33,17 @@ class Intake:
     times: StampTimes
     """Translates stamps."""
 
-    def follow(self, watch: SequenceWatch, source: str, sequence: int | None) -> None:
-        """Count what the number of a message shows to be lost, or sent by a second sender."""
-        for kind, times, problem in watch.follow(sequence):
+    def count_gaps(
+        self, found: Sequence[tuple[str, int, str]], source: str, sequence: int | None
+    ) -> None:
+        """Count what the number of a message shows to be lost, or sent by a second sender.
+
+        Args:
+            found: As `SequenceWatch.follow` tells it.
+            source: Who sent the message.
+            sequence: Its number.
+        """
+        for kind, times, problem in found:
             self.faults.add(kind, source, sequence, problem, times)
 
     def tell_verdict(self, error: MessageError) -> None:
@@ -45,21 +52,19 @@ class Intake:
         now = self.times.drain_start
         self.obstacles.leave_malformed(error.source, error.field, problem, now)
 
-    def check_comparison(self, gap: float, source: str, sequence: int | None) -> str:
+    def count_hold_up(self, gap: float, source: str, sequence: int | None) -> str:
         """Count that clocks were compared too slowly for a joint state or a plan.
 
         These have no errors of their own that could be widened.
 
         Args:
-            gap: What the stamp may be too old by, in [s].
+            gap: What the stamp may be too old by, in [s]; more than `HELD_UP`.
             source: Whose stamp it is.
             sequence: Number of the message, where it has one.
 
         Returns:
-            The problem in words; empty where there is none.
+            The problem in words.
         """
-        if gap <= HELD_UP:
-            return ""
         problem = f"clocks were compared within {gap:.3g} s; expected {HELD_UP:.3g} s at most"
         self.faults.add("clocks held up", source, sequence, problem)
         return problem
@@ -101,5 +106,6 @@ def is_finite(array: NDArray[np.float64]) -> bool:
     time.
     """
     if array.size <= _SUMMED_IN_PYTHON:
-        return math.isfinite(sum(array.ravel().tolist()))
+        flat = array if array.ndim == 1 else array.ravel()
+        return math.isfinite(sum(flat.tolist()))
     return array.size <= _SUMMED_AT_ONCE and math.isfinite(np.vdot(array, array))

@@ -15,7 +15,7 @@ from armguard.streams.intake import Intake, is_finite
 from armguard.streams.joint_order import JointOrder
 from armguard.streams.messages import JointsMessage, MessageError
 from armguard.streams.sequence_watch import SequenceWatch
-from armguard.streams.stamp_clocks import StampClock
+from armguard.streams.stamp_clocks import HELD_UP, StampClock
 
 _PAST_STATES = 1000
 """Joint states that are kept for clouds: of the last second, or somewhat more."""
@@ -79,20 +79,22 @@ class JointIntake:
     def take(self, message: JointsMessage) -> None:
         """Take a joint state; what cannot be read is counted."""
         intake, sequence = self._intake, message.seq
-        intake.follow(self._watch, "joints", sequence)
+        if faults := self._watch.follow(sequence):
+            intake.count_gaps(faults, "joints", sequence)
         try:
-            self._arms.check(message)
-            values = self.order.read(message)
+            if message.arm != self._arms.watched:
+                raise self._arms.refuse(message)
+            q, v = self.order.read(message)
         except MessageError as error:
             intake.faults.add("malformed", "joints", sequence, str(error))
             return
-        q, v = values
-        usable = math.isfinite(message.stamp) and is_finite(values)
+        usable = math.isfinite(message.stamp) and is_finite(q) and is_finite(v)
         if not usable:
             named = {"stamp": message.stamp, "q": q, "v": v}
             usable = intake.check_finite("joints", sequence, named)
         stamp, gap = intake.times.translate(message.stamp, self._clock)
-        if intake.check_comparison(gap, "joints", sequence):
+        if not gap <= HELD_UP:
+            intake.count_hold_up(gap, "joints", sequence)
             return
         self.has_come = True
         if self._awaits_fresh:

@@ -21,7 +21,7 @@ class JointOrder:
         self._joints = list(joints)
         self._names: list[str] | None = None
         self._order: NDArray[np.int64] = np.zeros(0, np.int64)
-        self._places = self._order
+        self._is_own_order = False
 
     def find(self, names: list[str]) -> NDArray[np.int64]:
         """Where each joint is in `names`; remembered, since senders keep their order. (nv,).
@@ -35,22 +35,22 @@ class JointOrder:
                 found = "named twice" if missing[0] in names else "missing"
                 raise MessageError("names", f"without {missing[0]!r} ({found})", "each joint once")
             self._order = np.array([names.index(joint) for joint in self._joints], np.int64)
-            self._places = np.stack((self._order, self._order + len(names)))
+            self._is_own_order = names == self._joints
             self._names = names
         return self._order
 
-    def read(self, message: JointsMessage) -> NDArray[np.float64]:
-        """Positions and velocities of a joint state, in [rad] or [m] and per [s]. Shape (2, nv).
+    def read(self, message: JointsMessage) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Positions and velocities of a joint state, in [rad] or [m] and per [s]. Shapes (nv,).
 
         Raises:
             MessageError: A joint is missing or named twice, or numbers of values do not fit.
         """
         names, q, v = message.names, message.q, message.v
-        self.find(names)
+        order = self._order if names == self._names else self.find(names)
+        if self._is_own_order and isinstance(q, bytes) and isinstance(v, bytes):
+            size = 8 * len(names)
+            if len(q) == size == len(v):
+                # Most senders write them so, and every call of NumPy costs as much as all else.
+                return np.frombuffer(bytearray(q), PACKED), np.frombuffer(bytearray(v), PACKED)
         count = len(names)
-        if isinstance(q, bytes) and isinstance(v, bytes) and len(q) == len(v) == 8 * count:
-            # In one go: what NumPy does at every call costs more than what it does here.
-            values = np.frombuffer(q + v, PACKED)
-        else:
-            values = np.concatenate((to_values("q", q, count), to_values("v", v, count)))
-        return values[self._places]
+        return to_values("q", q, count)[order], to_values("v", v, count)[order]

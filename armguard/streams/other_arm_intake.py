@@ -57,7 +57,8 @@ class OtherArmIntake:
     def take_joints(self, message: JointsMessage) -> None:
         """Tell the table a joint state; what cannot be used is counted."""
         intake, name, sequence = self._intake, self._name, message.seq
-        intake.follow(self._watch, name, sequence)
+        if faults := self._watch.follow(sequence):
+            intake.count_gaps(faults, name, sequence)
         try:
             q, v = self._order.read(message)
         except MessageError as error:
@@ -80,7 +81,8 @@ class OtherArmIntake:
             problem += "; counted as measured now"
             intake.faults.add("stamp ahead", name, sequence, problem)
             stamp = now
-        if intake.check_comparison(gap, name, sequence):
+        if not gap <= HELD_UP:
+            intake.count_hold_up(gap, name, sequence)
             return
         # Each, not the newest alone: what one of them breaks, the next may hide.
         try:

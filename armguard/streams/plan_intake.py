@@ -10,7 +10,7 @@ from armguard.streams.intake import Intake
 from armguard.streams.joint_order import JointOrder
 from armguard.streams.messages import MessageError, PlanMessage, to_rows, to_values
 from armguard.streams.requests import PlanRequest
-from armguard.streams.stamp_clocks import StampClock
+from armguard.streams.stamp_clocks import HELD_UP, StampClock
 
 
 class PlanReader:
@@ -37,8 +37,8 @@ class PlanReader:
         """
         names, count = message.names, len(message.names)
         try:
-            if message.ask != "share":
-                self._arms.check(message)
+            if message.ask != "share" and message.arm != self._arms.watched:
+                raise self._arms.refuse(message)
             order = joints.find(names)
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
@@ -53,7 +53,9 @@ class PlanReader:
             self._intake.faults.add("malformed", "plans", message.number, str(error))
             return PlanRequest(message.ask, message.number, str(error))
         stamp, gap = self.translate(message.stamp)
-        problem = self._intake.check_comparison(gap, "plans", message.number)
+        problem = ""
+        if not gap <= HELD_UP:
+            problem = self._intake.count_hold_up(gap, "plans", message.number)
         return PlanRequest(message.ask, message.number, problem, stamp, times, q, v, **fields)
 
     def translate(self, stamp: float) -> tuple[float, float]:

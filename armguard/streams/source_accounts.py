@@ -80,13 +80,12 @@ class SourceAccounts:
             return
         if named == payer:
             # It was refused, and is not lost.
-            self._intake.follow(account.watch, payer, sequence)
+            self._follow(account, payer, sequence)
         raise self._refuse(LimitError("message", found, expected, payer, sequence))
 
     def follow(self, message: SourceMessage) -> None:
         """Follow the number of a message, and count what was lost before it."""
-        account = self._find(message.source, message.seq)
-        self._intake.follow(account.watch, message.source, message.seq)
+        self._follow(self._find(message.source, message.seq), message.source, message.seq)
 
     def check_obstacles(self, message: ObstaclesMessage) -> None:
         """Raise LimitError if a message takes its source beyond its number of obstacles."""
@@ -113,6 +112,10 @@ class SourceAccounts:
         if points > most:
             expected = f"max_points, {most} at most"
             raise self._refuse_message(message, f"one of {points} points", expected)
+
+    def _follow(self, account: _Account, source: str, sequence: int | None) -> None:
+        if faults := account.watch.follow(sequence):
+            self._intake.count_gaps(faults, source, sequence)
 
     def _find(self, source: str, sequence: int | None) -> _Account:
         """What is kept of a source; raises SourceCountError for one too many."""

@@ -55,7 +55,8 @@ class TokenIntake:
             return
         zone, until = None, message.until
         try:
-            self._arms.check(message)
+            if message.arm != self._arms.watched:
+                raise self._arms.refuse(message)
             if message.zone is not None:
                 size = len(message.zone)
                 size = size // 24 if isinstance(message.zone, bytes) else size
@@ -80,7 +81,8 @@ class TokenIntake:
     def take_end(self, message: WatchMessage) -> None:
         """Hand on that an exemption is to end."""
         try:
-            self._arms.check(message)
+            if message.arm != self._arms.watched:
+                raise self._arms.refuse(message)
         except MessageError as error:
             self._intake.faults.add("malformed", "exemptions", message.number, str(error))
             return
@@ -92,7 +94,8 @@ class TokenIntake:
         if self._token is None:
             problem = "this run was started without --reset-token, and obeys none"
         try:
-            self._arms.check(message)
+            if message.arm != self._arms.watched:
+                raise self._arms.refuse(message)
             is_obeyed = self._is_token(message.token)
         except MessageError as error:
             is_obeyed, problem = False, str(error)

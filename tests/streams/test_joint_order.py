@@ -45,13 +45,21 @@ def test_joints_that_do_not_fit_are_refused_by_name(changes, text):
     assert re.search(text, world.lines[0])
 
 
+def read(order, message):
+    """Values as a list, each of which may be written."""
+    q, v = order.read(message)
+    assert q.flags.writeable
+    assert v.flags.writeable
+    return [q.tolist(), v.tolist()]
+
+
 @pytest.mark.parametrize("is_packed", [True, False])
 def test_values_stand_in_the_order_of_the_joints_however_they_are_written(is_packed):
     write = (lambda values: np.array(values).tobytes()) if is_packed else list
     message = decode(pack(joints(q=write([2.0, 9.0, 1.0]), v=write([0.2, 0.9, 0.1]))))
     order = JointOrder(JOINTS)
-    assert order.read(message).tolist() == [[1.0, 2.0], [0.1, 0.2]]
+    assert read(order, message) == [[1.0, 2.0], [0.1, 0.2]]
     # A sender may change its order.
     turned = decode(pack(joints(names=JOINTS, q=write([3.0, 4.0]), v=write([0.3, 0.4]))))
-    assert order.read(turned).tolist() == [[3.0, 4.0], [0.3, 0.4]]
-    assert order.read(message).tolist() == [[1.0, 2.0], [0.1, 0.2]]
+    assert read(order, turned) == [[3.0, 4.0], [0.3, 0.4]]
+    assert read(order, message) == [[1.0, 2.0], [0.1, 0.2]]
