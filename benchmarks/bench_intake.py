@@ -40,7 +40,7 @@ from armguard.clock import ManualClock
 from armguard.obstacles import Frame, Obstacles
 from armguard.obstacles.table import clear_changed_rows, copy_state
 from armguard.robot import Robot
-from armguard.streams.edge import Edge
+from armguard.streams.edge import Edge, EdgeSettings
 from armguard.streams.faults import FaultLog
 from scene.crowds import RATE, Crowd, Work
 from scene.machine import describe_machine
@@ -89,7 +89,8 @@ class Intake:
         self._clock, self._wire, self._time = ManualClock(), Wire(), 0.0
         faults = FaultLog(self._clock.now, lambda line: None)
         clock = self._clock.now
-        self._edge = Edge(self._obstacles, ["a"], self._clock, faults, monotonic=clock)
+        settings = EdgeSettings(monotonic=clock)
+        self._edge = Edge(self._obstacles, ["a"], self._clock, faults, settings)
         self.take()
         table = self._obstacles.table
         for row in range(rows):

@@ -138,8 +138,8 @@ class Contestant:
         clock = MonotonicClock()
         robot, obstacles, self._monitor = Cell.from_text(CELL).build()
         edge = Edge(obstacles, robot.joints, clock, FaultLog(clock.now, _ignore))
-        resting = Resting(clock, obstacles, robot.joints, edge.offset)
-        verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.offset)
+        resting = Resting(clock, obstacles, robot.joints, edge.times.offset)
+        verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.times.offset)
         resources.callback(verdicts.close)
         self.pid = None
         self._is_stopped = case.startswith("stopped")

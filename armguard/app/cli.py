@@ -142,21 +142,25 @@ class Run:
         """Run until the end of the duration, of standard input, or Ctrl-C."""
         if self.parent is not None:
             end_with(self.parent)
+        from armguard.app.loop import RunOptions
         from armguard.app.run import supervise
 
+        options = RunOptions(
+            self.obstacles or OBSTACLES_ADDRESS,
+            self.joints,
+            self.verdicts or VERDICTS_ADDRESS,
+            record=self.record,
+            duration=self.duration,
+            reset_token=self.reset_token,
+            realtime=not self.no_realtime,
+            json_verdicts=self.json_verdicts,
+        )
         return supervise(
             self.cell,
+            options,
             arm=self.arm,
-            obstacles_address=self.obstacles,
-            joints_address=self.joints,
-            verdicts_address=self.verdicts,
             view_address=self.view,
-            reset_token=self.reset_token,
-            record=self.record,
-            realtime=not self.no_realtime,
-            duration=self.duration,
             as_json=self.json,
-            json_verdicts=self.json_verdicts,
             premises=self.premises,
             quiet=self.quiet,
         )

@@ -9,6 +9,7 @@ in thirty late.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import inspect
 import math
@@ -36,16 +37,13 @@ from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
-from armguard.streams.edge import (
-    Edge,
-    ExemptionRequest,
-    OtherArm,
-    PlanRequest,
-    StampClock,
-)
+from armguard.streams.edge import Edge, EdgeSettings
 from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
+from armguard.streams.other_arm_intake import OtherArm
+from armguard.streams.requests import ExemptionRequest, PlanRequest
+from armguard.streams.stamp_clocks import StampClock
 from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 
 if TYPE_CHECKING:
@@ -61,19 +59,32 @@ DRAIN_SHARE = 0.5
 """Part of a period that taking messages may last at most; what is left waits for the next tick."""
 
 
+class Spread(NamedTuple):
+    """How long something took over all ticks, in [s]; nan without any tick."""
+
+    p50: float
+    """Half of all ticks took no longer."""
+    p99: float
+    p999: float
+    longest: float
+
+
 class LoopReport(NamedTuple):
-    """What a run was like; times in [s]."""
+    """What a run was like."""
 
     ticks: int
     late: int
     """Ticks that were not done before the next deadline."""
     missed: int
     """Deadlines that passed without a tick of their own."""
-    p50: float
-    """Half of all ticks took no longer: draining, stepping and publishing."""
-    p99: float
-    p999: float
-    longest: float
+    tick: Spread
+    """Whole ticks, from the first message that is taken until the verdict was observed."""
+    drain: Spread
+    """Taking messages."""
+    step: Spread
+    """Judging the joint state, with the resets and exemptions that were asked for."""
+    publish: Spread
+    """Sending the verdict."""
     received: int
     """Messages taken."""
     faults: dict[str, int]
@@ -141,6 +152,7 @@ class RateLoop:
         self._observe = observe
         self._rest = rest
         self.durations = Durations()
+        self._drain, self._step, self._sending = Durations(), Durations(), Durations()
         self._ticks = 0
         self.late = 0
         self.missed = 0
@@ -199,25 +211,31 @@ class RateLoop:
 
     def tick(self) -> Verdict:
         """Drain, step, publish."""
-        edge = self._edge
+        edge, read_clock = self._edge, self.clock.now
+        begin = read_clock()
         # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
         now = edge.drain(self._inputs)
-        if edge.reset_requested:
-            edge.reset_requested = False
+        drained = read_clock()
+        if edge.requests.is_reset:
+            edge.requests.is_reset = False
             self.monitor.reset()
             self._obeyed_resets += 1
-        for exemption in edge.exemptions:
+        for exemption in edge.requests.exemptions:
             self._take_exemption(exemption)
-        state = edge.joint_state
+        state = edge.joints.state
         if state is None:
-            verdict = _wait_for_joints(now, edge.dropped_age)
+            verdict = _wait_for_joints(now, edge.joints.dropped_age)
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
+        judged = read_clock()
         self._publish(verdict)
-        for number, obeyed in edge.reset_verdicts:
+        self._sending.add(read_clock() - judged)
+        self._step.add(judged - drained)
+        self._drain.add(drained - begin)
+        for number, obeyed in edge.requests.reset_verdicts:
             self._answer(number, obeyed)
-        for request in edge.plans:
-            is_newest = request is edge.plans[-1]
+        for request in edge.requests.plans:
+            is_newest = request is edge.requests.plans[-1]
             self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))
         if self._observe is not None:
             self._observe(self, verdict)
@@ -247,15 +265,14 @@ class RateLoop:
 
     def report(self) -> LoopReport:
         """What the run was like so far."""
-        durations = self.durations
         return LoopReport(
             ticks=self._ticks,
             late=self.late,
             missed=self.missed,
-            p50=durations.percentile(50.0),
-            p99=durations.percentile(99.0),
-            p999=durations.percentile(99.9),
-            longest=durations.longest,
+            tick=self.durations.spread(),
+            drain=self._drain.spread(),
+            step=self._step.spread(),
+            publish=self._sending.spread(),
             received=self._edge.received,
             faults={
                 f"{key.kind}: {key.source}": number
@@ -383,17 +400,35 @@ def _make_plan(request: PlanRequest) -> Plan:
     )
 
 
+@dataclasses.dataclass(frozen=True)
+class RunOptions:
+    """What a run is told beside its cell."""
+
+    obstacles_address: str = OBSTACLES_ADDRESS
+    """Bound for publishers of obstacles; "-" reads JSON lines from standard input, with the joint
+    states among them unless they have an address."""
+    joints_address: str | None = None
+    """Bound for publishers of joint states; may be the same as that of obstacles. None:
+    `JOINTS_ADDRESS`, or standard input."""
+    verdicts_address: str = VERDICTS_ADDRESS
+    """Bound for readers of verdicts."""
+    record: Path | None = None
+    """Where to write a recording: a new file, or a folder for one; None: nowhere."""
+    duration: float = math.inf
+    """How long to run, in [s]."""
+    reset_token: str | None = None
+    """What a reset message must carry; without one, none is obeyed."""
+    realtime: bool = False
+    """Whether to ask the system for real-time scheduling and locked memory; what it refuses is told
+    on standard error."""
+    json_verdicts: bool = False
+    """Whether verdicts and answers to plans are sent as JSON, not as msgpack."""
+
+
 def run(
     cell: Cell,
-    obstacles_address: str = OBSTACLES_ADDRESS,
-    joints_address: str | None = None,
-    verdicts_address: str = VERDICTS_ADDRESS,
+    options: RunOptions,
     *,
-    record: Path | None = None,
-    duration: float = math.inf,
-    reset_token: str | None = None,
-    realtime: bool = False,
-    json_verdicts: bool = False,
     authenticator: Authenticator | None = None,
     observe: Callable[[RateLoop, Verdict], None] | None = None,
     rest: Callable[[RateLoop, float], None] | None = None,
@@ -405,17 +440,7 @@ def run(
 
     Args:
         cell: Robot, obstacles and monitor.
-        obstacles_address: Bound for publishers of obstacles; "-" reads JSON lines from standard
-            input, with the joint states among them unless they have an address.
-        joints_address: Bound for publishers of joint states; may be the same as that of obstacles.
-            Default: `JOINTS_ADDRESS`.
-        verdicts_address: Bound for readers of verdicts.
-        record: Where to write a recording: a new file, or a folder for one; None: nowhere.
-        duration: How long to run, in [s].
-        reset_token: What a reset message must carry; without one, none is obeyed.
-        realtime: Whether to ask the system for real-time scheduling and locked memory; what it
-            refuses is told on standard error.
-        json_verdicts: Whether verdicts and answers to plans are sent as JSON, not as msgpack.
+        options: Addresses, and what else is asked of the run.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observe: Sees each verdict, with the loop, after it was published; must not block.
         rest: Called with the loop where there is time before the next tick, in [s]; must not block.
@@ -447,40 +472,45 @@ def run(
         robot.joints,
         clock,
         FaultLog(clock.now) if tell is None else FaultLog(clock.now, tell),
-        stamp_clocks={
-            name: StampClock(source.clock, source.latency, source.clock_error)
-            for name, source in cell.sources.items()
-        },
-        # What this clock is off by is in the robot's joint errors already.
-        joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
-        joint_timeout=monitor.settings.joint_timeout,
-        reset_token=reset_token,
-        limits=cell.source_limits,
-        own_points=cell.make_own_points(robot),
-        drain_time=DRAIN_SHARE * monitor.period,
-        speed=_read_bound(cell, "speed"),
-        accel=_read_bound(cell, "accel"),
-        arm=cell.arm,
-        others=others,
+        EdgeSettings(
+            stamp_clocks={
+                name: StampClock(source.clock, source.latency, source.clock_error)
+                for name, source in cell.sources.items()
+            },
+            # What this clock is off by is in the robot's joint errors already.
+            joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
+            joint_timeout=monitor.settings.joint_timeout,
+            reset_token=options.reset_token,
+            limits=cell.source_limits,
+            own_points=cell.make_own_points(robot),
+            drain_time=DRAIN_SHARE * monitor.period,
+            speed=_read_bound(cell, "speed"),
+            accel=_read_bound(cell, "accel"),
+            arm=cell.arm,
+            others=others,
+        ),
     )
     opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None
     own_authenticator = cell.make_authenticator() if authenticator is None else None
     authenticator = authenticator or own_authenticator
     try:
-        if record is not None:
-            log = RunRecording(armguard.Recorder(record, monitor), edge.faults, observe, tell, rest)
+        if options.record is not None:
+            recorder = armguard.Recorder(options.record, monitor)
+            log = RunRecording(recorder, edge.faults, observe, tell, rest)
             observe, rest = log.observe, log.rest
         inputs: list[Input] = []
         bound: dict[str, str] = {}
-        addresses = _inputs(obstacles_address, joints_address)
+        addresses = _inputs(options)
         for address in dict.fromkeys(addresses):
             source, bound[address] = _open_input(address, authenticator)
             inputs.append(source)
             opened.append(source)
         # Verdicts must not be valid for longer than they are.
-        offset = edge.offset - edge.offset_error
-        publisher = VerdictPublisher(verdicts_address, offset, authenticator, as_json=json_verdicts)
+        offset = edge.times.offset - edge.times.offset_error
+        publisher = VerdictPublisher(
+            options.verdicts_address, offset, authenticator, as_json=options.json_verdicts
+        )
         opened.append(publisher)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)
@@ -497,13 +527,13 @@ def run(
         )
         release_compiler()
         with _ending_with_a_stop(publisher, clock, note):
-            if not realtime:
-                report = loop.run(duration)
+            if not options.realtime:
+                report = loop.run(options.duration)
             else:
                 with request_realtime() as granted:
                     for line in granted.refusals:
                         complain(line)
-                    report = loop.run(duration)._replace(realtime=granted)
+                    report = loop.run(options.duration)._replace(realtime=granted)
         if log is None:
             return report
         log.recorder.write_pending()
@@ -559,8 +589,9 @@ def _open_input(address: str, authenticator: Authenticator | None) -> tuple[Inpu
     return LineInput(), address
 
 
-def _inputs(obstacles_address: str, joints_address: str | None) -> tuple[str, str]:
+def _inputs(options: RunOptions) -> tuple[str, str]:
     """Where obstacles and joint states come from."""
+    obstacles_address, joints_address = options.obstacles_address, options.joints_address
     if joints_address is None:
         joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
     return obstacles_address, joints_address
@@ -607,7 +638,7 @@ class Durations:
     """Durations in [s], kept to about one percent; the longest exactly."""
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_PER_OCTAVE * _OCTAVES, np.int64)
+        self._counts = [0] * (_PER_OCTAVE * _OCTAVES)
         self.count = 0
         self.longest = 0.0
 
@@ -617,6 +648,11 @@ class Durations:
         self._counts[min(place, len(self._counts) - 1)] += 1
         self.count += 1
         self.longest = max(self.longest, duration)
+
+    def spread(self) -> Spread:
+        """Percentiles, and the longest."""
+        p50, p99, p999 = (self.percentile(percent) for percent in (50.0, 99.0, 99.9))
+        return Spread(p50, p99, p999, self.longest)
 
     def percentile(self, percent: float) -> float:
         """A duration in [s] that `percent` of all do not exceed; nan if there is none."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
-from armguard.app.loop import RateLoop, run
+from armguard.app.loop import RateLoop, RunOptions, run
 from armguard.app.premises import list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
@@ -31,7 +31,6 @@ from armguard.monitor.monitor import Monitor
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
-    OBSTACLES_ADDRESS,
     VERDICTS_ADDRESS,
     check_address,
     check_free,
@@ -58,18 +57,11 @@ PAGE_CHECK_INTERVAL = 0.25
 
 def supervise(
     cell_file: Path,
+    options: RunOptions,
     *,
     arm: str | None = None,
-    obstacles_address: str | None,
-    joints_address: str | None,
-    verdicts_address: str | None,
-    view_address: str | None,
-    reset_token: str | None,
-    record: Path | None,
-    realtime: bool,
-    duration: float,
-    as_json: bool,
-    json_verdicts: bool = False,
+    view_address: str | None = None,
+    as_json: bool = False,
     premises: bool = False,
     quiet: bool = False,
 ) -> int:
@@ -77,17 +69,10 @@ def supervise(
 
     Args:
         cell_file: The cell.
+        options: Addresses, and what else is asked of the run.
         arm: Which of its arms is watched, if it has several.
-        obstacles_address: Bound for obstacles; None: the default; "-": standard input.
-        joints_address: Bound for joint states; None: the default, or standard input.
-        verdicts_address: Bound for verdicts; None: the default.
         view_address: Bound for views; None: no feed.
-        reset_token: What a reset message must carry; None: none is obeyed.
-        record: Where to write a recording; None: nowhere.
-        realtime: Whether to ask the system for real-time scheduling and locked memory.
-        duration: How long, in [s].
         as_json: Print one JSON object instead of a table.
-        json_verdicts: Send verdicts and answers to plans as JSON, not as msgpack.
         premises: Whether every premise is told, not only how many there are.
         quiet: Tell neither addresses nor changes of level on standard error.
 
@@ -97,24 +82,23 @@ def supervise(
     Raises:
         ArmguardError: The cell cannot be made, or an address cannot be used.
     """
-    if not duration > 0.0:
-        raise ArmguardError("--duration", f"is {duration}", expected="seconds above 0")
+    if not options.duration > 0.0:
+        raise ArmguardError("--duration", f"is {options.duration}", expected="seconds above 0")
     cell = Cell.load(cell_file, arm)
+    record, reset_token = options.record, options.reset_token
     if record is not None:
         # Loaded where a recording is asked for, by no other run.
         from armguard.recording.recorder import check_new
 
         check_new(record)
-    obstacles_address = obstacles_address or OBSTACLES_ADDRESS
-    verdicts_address = verdicts_address or VERDICTS_ADDRESS
-    inputs = (obstacles_address, joints_address or JOINTS_ADDRESS)
+    inputs = (options.obstacles_address, options.joints_address or JOINTS_ADDRESS)
     console = make_console(stderr=True)
     with contextlib.ExitStack() as resources:
         # Mistakes are told before anything is compiled.
         authenticator = cell.make_authenticator()
         if authenticator is not None:
             resources.enter_context(authenticator)
-        for address in {*(one for one in inputs if one != "-"), verdicts_address}:
+        for address in {*(one for one in inputs if one != "-"), options.verdicts_address}:
             check_address(address, has_keys=authenticator is not None)
             check_free(address)
         publisher: FramePublisher | None = None
@@ -180,14 +164,7 @@ def supervise(
         with waiting, telling(tell_progress):
             report = run(
                 cell,
-                obstacles_address,
-                joints_address,
-                verdicts_address,
-                duration=duration,
-                record=record,
-                reset_token=reset_token,
-                realtime=realtime,
-                json_verdicts=json_verdicts,
+                options,
                 authenticator=authenticator,
                 observe=observer.observe,
                 rest=observer.rest,

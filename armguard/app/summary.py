@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from armguard.app.loop import LoopReport
+from armguard.app.loop import LoopReport, Spread
 from armguard.app.realtime import Realtime
 from armguard.streams.faults import quote
 from armguard.verdict import Effect, Level, ReasonKind, Verdict
@@ -17,12 +17,14 @@ from armguard.verdict import Effect, Level, ReasonKind, Verdict
 REASONS_SHOWN = 8
 """Most reasons of stops in the table; `--json` has all that are told apart."""
 
+PERCENTILES = ("p50", "p99", "p99.9", "max")
+"""Names of the fields of a `Spread`."""
+
 COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
 
 
 def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
     """The object that `--json` prints; a time that there is not is null."""
-    times = {"p50": report.p50, "p99": report.p99, "p99.9": report.p999, "max": report.longest}
     soonest = counts.min_contact_time
     return {
         "ticks": report.ticks - counts.waiting,
@@ -31,10 +33,10 @@ def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
         "stop_reasons": dict(counts.reasons.most_common()),
         "levels": {level.name: count for level, count in counts.levels.items()},
         "min_contact_time": soonest if math.isfinite(soonest) else None,
-        "tick_us": {
-            name: round(1e6 * time, 1) if math.isfinite(time) else None
-            for name, time in times.items()
-        },
+        "tick_us": _describe_spread(report.tick),
+        "drain_us": _describe_spread(report.drain),
+        "step_us": _describe_spread(report.step),
+        "publish_us": _describe_spread(report.publish),
         "late": report.late,
         "realtime": _describe_realtime(report.realtime),
         "incomplete": counts.incomplete,
@@ -49,7 +51,6 @@ def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
 def draw_summary(summary: dict[str, Any]) -> Table:
     """The table at the end of a run."""
     table = Table(title="summary", show_header=False)
-    spent = summary["tick_us"]
     table.add_row("ticks", f"{summary['ticks']} ({summary['late']} late)")
     table.add_row("waited for joint states", f"{summary['waiting']} ticks, told to STOP")
     if summary["ticks"]:
@@ -68,9 +69,9 @@ def draw_summary(summary: dict[str, Any]) -> Table:
         rest = sum(count for _, count in told[REASONS_SHOWN:])
         table.add_row("", f"{rest} × {len(told) - REASONS_SHOWN} further reasons")
     table.add_row("soonest contact", _tell_contact(summary))
-    names = ("p50", "p99", "p99.9", "max")
-    times = ["–" if spent[name] is None else f"{spent[name]:.0f}" for name in names]
-    table.add_row("tick " + " / ".join(names), " / ".join(times) + " µs")
+    table.add_row("tick " + " / ".join(PERCENTILES), _tell_spread(summary["tick_us"]))
+    for part in ("drain", "step", "publish"):
+        table.add_row(f"  of it {part}", _tell_spread(summary[f"{part}_us"]))
     table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("times incomplete", str(summary["incomplete"]))
     if summary["cut_short"]:
@@ -83,11 +84,24 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     return table
 
 
+def _tell_spread(spread: dict[str, float | None]) -> str:
+    times = ("–" if time is None else f"{time:.0f}" for time in spread.values())
+    return " / ".join(times) + " µs"
+
+
 def _tell_contact(summary: dict[str, Any]) -> str:
     soonest = summary["min_contact_time"]
     if soonest is not None:
         return f"{soonest:.3f} s"
     return "none possible" if summary["levels"]["CLEAR"] else "unknown"
+
+
+def _describe_spread(spread: Spread) -> dict[str, float | None]:
+    """How long something took, in [µs], by percentile."""
+    return {
+        name: round(1e6 * time, 1) if math.isfinite(time) else None
+        for name, time in zip(PERCENTILES, spread, strict=True)
+    }
 
 
 def _describe_realtime(realtime: Realtime | None) -> dict[str, Any] | None:

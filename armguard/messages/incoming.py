@@ -253,6 +253,9 @@ AnyMessage = (
 )
 
 
+PACKED = np.dtype("<f8")
+"""Of packed numbers."""
+
 _encoder = msgspec.msgpack.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
@@ -357,7 +360,7 @@ def to_values(field: str, values: bytes | list[float], count: int) -> NDArray[np
     if isinstance(values, bytes):
         if len(values) != 8 * count:
             raise MessageError(field, f"{len(values)} bytes", f"{count} packed float64")
-        return np.frombuffer(values, "<f8")
+        return np.frombuffer(values, PACKED)
     if len(values) != count:
         raise MessageError(field, f"{len(values)} values", f"{count}, one for each name or id")
     return np.array(values, float)
@@ -375,7 +378,7 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
             expected = f"packed float64: {_expected_points(count)}"
             raise MessageError(field, f"{len(points)} bytes", expected)
         shape = (count, 3) if per_row <= 1 else (count, per_row, 3)
-        return np.frombuffer(points, "<f8").reshape(shape)
+        return np.frombuffer(points, PACKED).reshape(shape)
     try:
         array = np.array(points, float)
     except ValueError:
@@ -413,7 +416,7 @@ def to_cloud(field: str, points: Cloud) -> NDArray[np.float64]:
     if isinstance(points, bytes):
         if len(points) % 24:
             raise MessageError(field, f"{len(points)} bytes", f"packed float64: {expected}")
-        return np.frombuffer(points, "<f8").reshape(-1, 3)
+        return np.frombuffer(points, PACKED).reshape(-1, 3)
     if any(len(point) != 3 for point in points):
         raise MessageError(field, "with a point of other than 3 coordinates", expected)
     return np.array(points, float).reshape(-1, 3)
@@ -445,7 +448,7 @@ def to_rows(field: str, rows: Rows, count: int, width: int) -> NDArray[np.float6
     if isinstance(rows, bytes):
         if len(rows) != 8 * count * width:
             raise MessageError(field, f"{len(rows)} bytes", f"packed float64: {expected}")
-        return np.frombuffer(rows, "<f8").reshape(count, width)
+        return np.frombuffer(rows, PACKED).reshape(count, width)
     if len(rows) != count or any(len(row) != width for row in rows):
         raise MessageError(field, f"{len(rows)} rows", expected)
     return np.array(rows, float).reshape(count, width)

@@ -6,12 +6,14 @@ and `VerdictReader` are for users' own nodes; `Edge` and the inputs are the moni
 
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator, Client
-from armguard.streams.edge import Edge, JointState, StampClock
+from armguard.streams.edge import Edge, EdgeSettings
 from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import Input, LineInput, SocketInput
+from armguard.streams.joint_intake import JointState
 from armguard.streams.keys import KeyPair, Keys
 from armguard.streams.limits import SourceLimits
 from armguard.streams.nodes import Publisher, VerdictPublisher, VerdictReader
+from armguard.streams.stamp_clocks import StampClock
 
 __all__ = [
     "JOINTS_ADDRESS",
@@ -20,6 +22,7 @@ __all__ = [
     "Authenticator",
     "Client",
     "Edge",
+    "EdgeSettings",
     "FaultLog",
     "Input",
     "JointState",

@@ -8,6 +8,7 @@ again and again cost a tick no more than that.
 
 from __future__ import annotations
 
+import select
 from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple, get_args
 
@@ -92,6 +93,10 @@ class Authenticator:
         self._socket: zmq.Socket[bytes] = self.context.socket(zmq.ROUTER)
         self._socket.set(zmq.LINGER, 0)
         self._socket.bind(_ENDPOINT)
+        # Its descriptor tells of what has come since the socket was last found empty.
+        self._poll = select.poll()
+        self._poll.register(int(self._socket.get(zmq.FD)), select.POLLIN)
+        self._is_unread = True
         self._refused: dict[str, tuple[ClientError, int]] = {}
 
     def guard(self, socket: zmq.Socket[bytes], rights: Iterable[Right]) -> None:
@@ -115,10 +120,14 @@ class Authenticator:
 
     def answer(self) -> None:
         """Answer the handshakes that wait, a few of them; never blocks."""
+        if not (self._is_unread or self._poll.poll(0)):
+            return
+        self._is_unread = True
         for _ in range(_ANSWERS_A_TIME):
             try:
                 parts = self._socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
+                self._is_unread = False
                 return
             self._socket.send_multipart(self._judge(parts))
 
@@ -127,6 +136,8 @@ class Authenticator:
 
         All keys that are not known have one name together.
         """
+        if not self._refused:
+            return []
         refused, self._refused = self._refused, {}
         return list(refused.values())
 

@@ -52,6 +52,8 @@ _Answer = TypeVar("_Answer", PlanVerdict, ResetVerdict)
 _MESSAGES_AFTER = 64
 """Messages that are looked at for an answer once its time is over, at most."""
 
+_NOBLOCK = int(zmq.NOBLOCK)
+
 _LINGER = 200
 """How long, in [ms], a closing publisher may take to hand over its last messages."""
 
@@ -533,7 +535,7 @@ class VerdictPublisher:
         if self._authenticator is not None:
             self._authenticator.answer()
         data = encode_verdict(verdict, self._offset, as_json=self._as_json)
-        self._socket.send(data, zmq.NOBLOCK)
+        self._socket.send(data, _NOBLOCK)
 
     def answer(self, number: int, verdict: PlanVerdict | ResetVerdict) -> None:
         """Send the answer to a plan or a reset, by its number; never blocks."""

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from armguard.app.loop import LoopReport
+from armguard.app.loop import LoopReport, Spread
 from armguard.app.realtime import Realtime
 from armguard.app.summary import COLORS, REASON_LIMIT, VerdictCounts, draw_summary, summarise
 from armguard.app.terminal import make_console
@@ -16,10 +16,10 @@ def make_report(**changes):
         "ticks": 12,
         "late": 1,
         "missed": 2,
-        "p50": 20e-6,
-        "p99": 1e-3,
-        "p999": 2e-3,
-        "longest": 3e-3,
+        "tick": Spread(20e-6, 1e-3, 2e-3, 3e-3),
+        "drain": Spread(8e-6, 5e-4, 1e-3, 2e-3),
+        "step": Spread(7e-6, 4e-4, 9e-4, 1e-3),
+        "publish": Spread(5e-6, 1e-4, 2e-4, 4e-4),
         "received": 5,
         "faults": {"malformed: cam0": 3},
         "monitor_faults": 4,
@@ -31,7 +31,9 @@ def test_programs_find_every_key_and_strict_json():
     summary = summarise(make_report(), VerdictCounts())
     expected = {"ticks", "stops", "levels", "min_contact_time", "tick_us", "incomplete", "faults"}
     assert expected <= set(summary)
-    assert {"p50", "p99", "max"} <= set(summary["tick_us"])
+    for part in ("tick_us", "drain_us", "step_us", "publish_us"):
+        assert list(summary[part]) == ["p50", "p99", "p99.9", "max"]
+    assert summary["step_us"] == {"p50": 7.0, "p99": 400.0, "p99.9": 900.0, "max": 1000.0}
     assert summary["min_contact_time"] is None
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
@@ -77,7 +79,7 @@ def test_stops_are_listed_with_their_reasons_the_most_frequent_first():
 
 
 def test_a_run_without_a_single_tick_has_a_summary():
-    nothing = make_report(ticks=0, p50=math.nan, p99=math.nan, p999=math.nan, longest=0.0)
+    nothing = make_report(ticks=0, tick=Spread(math.nan, math.nan, math.nan, 0.0))
     summary = summarise(nothing, VerdictCounts())
     assert summary["tick_us"] == {"p50": None, "p99": None, "p99.9": None, "max": 0.0}
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary

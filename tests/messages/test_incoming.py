@@ -137,7 +137,7 @@ def test_malformed_messages_are_counted_and_do_nothing(data):
     assert len(world.lines[0]) < 500
     assert world.lines[0].isprintable()
     assert len(world.obstacles) == 0
-    assert world.edge.joint_state is None
+    assert world.edge.joints.state is None
     world.send(obstacles())  # and the next good one is taken
     assert len(world.obstacles) == 1
 

@@ -194,8 +194,8 @@ def test_one_message_does_not_stop_a_cell_for_good(message):
                     position=[FAR],
                 )
             )
-            if world.edge.reset_requested:
-                world.edge.reset_requested = False
+            if world.edge.requests.is_reset:
+                world.edge.requests.is_reset = False
                 monitor.reset()
             verdicts.append(monitor.step(world.clock.now(), HOME, STILL))
         return verdicts

@@ -18,7 +18,8 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
-from armguard.streams.edge import OtherArm
+from armguard.streams.edge import EdgeSettings
+from armguard.streams.other_arm_intake import OtherArm
 from armguard.verdict import Level
 from support.key_rings import KeyRing
 from support.stream_sockets import PATIENCE
@@ -38,7 +39,7 @@ class Side:
         self.lines = []
         self.faults = FaultLog(clock.now, self.lines.append)
         self.obstacles = Obstacles(sources=[Source("camera"), Source("lidar")])
-        self.edge = Edge(self.obstacles, ["a"], clock, self.faults, **options)
+        self.edge = Edge(self.obstacles, ["a"], clock, self.faults, EdgeSettings(**options))
 
     def drain(self, condition=None, patience=PATIENCE):
         end = time.monotonic() + patience
@@ -118,16 +119,16 @@ def test_each_client_may_send_what_the_cell_says_and_nothing_else(address, ring)
         with side.publisher("controller", ring.keys("controller")) as controller:
             show_ball(controller)
             side.drain(lambda: side.faults.total == 4)
-            assert side.edge.joint_state is None
-            assert not side.edge.reset_requested
-            assert side.edge.plans == []
+            assert side.edge.joints.state is None
+            assert not side.edge.requests.is_reset
+            assert side.edge.requests.plans == []
             assert len(side.obstacles) == 0
             controller.joints(time.monotonic(), ["a"], [0.0], [0.0])
-            side.drain(lambda: side.edge.joint_state is not None)
+            side.drain(lambda: side.edge.joints.state is not None)
         assert side.kinds() == {("sender refused", "camera"), ("sender refused", "controller")}
         with side.publisher("desk", ring.keys("desk")) as desk:
             desk.reset("sesame")
-            side.drain(lambda: side.edge.reset_requested)
+            side.drain(lambda: side.edge.requests.is_reset)
 
 
 def test_a_client_speaks_for_its_own_arms(address, ring):
@@ -148,7 +149,7 @@ def test_a_client_speaks_for_its_own_arms(address, ring):
             assert side.kinds() == {("sender refused", "controller")}
             assert "'right'" in side.lines[0]
             controller.joints(time.monotonic(), *still, arm="left")
-            side.drain(lambda: side.edge.joint_state is not None)
+            side.drain(lambda: side.edge.joints.state is not None)
         assert told == []
         assert side.faults.total == 3
 

@@ -20,7 +20,9 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
-from armguard.streams.edge import OwnPoints, StampClock
+from armguard.streams.cloud_intake import OwnPoints
+from armguard.streams.edge import EdgeSettings
+from armguard.streams.stamp_clocks import StampClock
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
 from support.stream_sockets import PATIENCE, attend
 
@@ -53,7 +55,7 @@ def test_what_is_published_arrives_in_the_table(address):
         publisher.remove(["z"], stamp + 1e-3)
         publisher.joints(stamp, ["b", "a"], [1.0, 2.0], [3.0, 4.0])
         end = time.monotonic() + PATIENCE
-        while edge.joint_state is None and time.monotonic() < end:
+        while edge.joints.state is None and time.monotonic() < end:
             edge.drain([source])
     source.close()
     assert edge.received == 5
@@ -64,9 +66,9 @@ def test_what_is_published_arrives_in_the_table(address):
     assert (accepted.points[row] == box[1]).all()
     assert accepted.radius[row] == 0.2
     assert accepted.speed[row] == 3.0
-    assert accepted.stamp[row] == pytest.approx(stamp - edge.offset, abs=1e-9)
-    assert edge.joint_state.q.tolist() == [2.0, 1.0]
-    assert edge.joint_state.v.tolist() == [4.0, 3.0]
+    assert accepted.stamp[row] == pytest.approx(stamp - edge.times.offset, abs=1e-9)
+    assert edge.joints.state.q.tolist() == [2.0, 1.0]
+    assert edge.joints.state.v.tolist() == [4.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -145,7 +147,7 @@ def test_a_cloud_that_is_published_becomes_voxels_without_the_arm(address):
         return points[:, 0] > 1.0  # the arm is nearer than that
 
     own = OwnPoints(find_others, 10.0)
-    edge = Edge(obstacles, ["a", "b"], clock, faults, own_points=own)
+    edge = Edge(obstacles, ["a", "b"], clock, faults, EdgeSettings(own_points=own))
     source = SocketInput(address)
     points = np.array([[0.52, 0.0, 0.01], [2.02, 0.02, 0.02], [math.nan, 0, 0], [2.02, 1.02, 0.02]])
     with Publisher(source.address, "depth") as publisher:
@@ -165,7 +167,7 @@ def test_a_cloud_that_is_published_becomes_voxels_without_the_arm(address):
     assert [name for name in obstacles.ids if name] == ["voxel 40 0 0"]
     row = obstacles.row("voxel 40 0 0", "depth")
     accepted = obstacles.table.accepted
-    assert accepted.stamp[row] == pytest.approx(stamp - edge.offset, abs=1e-9)
+    assert accepted.stamp[row] == pytest.approx(stamp - edge.times.offset, abs=1e-9)
     assert (accepted.speed[row], accepted.position_error[row]) == (1.5, 0.01)
     # One point is no number: counted, left out, and no reason to refuse the others.
     assert {(key.kind, key.source): count for key, count in faults.counts.items()} == {
@@ -176,26 +178,26 @@ def test_a_cloud_that_is_published_becomes_voxels_without_the_arm(address):
 
 def test_a_reset_is_sent_as_the_edge_expects_it(address):
     clock = MonotonicClock()
-    edge = Edge(Obstacles(), [], clock, FaultLog(clock.now), reset_token="sesame")
+    edge = Edge(Obstacles(), [], clock, FaultLog(clock.now), EdgeSettings(reset_token="sesame"))
     source = SocketInput(address)
     with Publisher(source.address) as publisher:
         attend(source, lambda: publisher.wait(0.001))
         number = publisher.reset("sesame")
         end = time.monotonic() + PATIENCE
-        while not edge.reset_requested and time.monotonic() < end:
+        while not edge.requests.is_reset and time.monotonic() < end:
             edge.drain([source])
-    assert edge.reset_requested
-    assert edge.reset_verdicts == [(number, ResetVerdict(True, ""))]
+    assert edge.requests.is_reset
+    assert edge.requests.reset_verdicts == [(number, ResetVerdict(True, ""))]
     edge.drain([source])
     source.close()
-    assert edge.reset_verdicts == []
+    assert edge.requests.reset_verdicts == []
 
 
 def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     clock = MonotonicClock()
     faults = FaultLog(clock.now)
     late = StampClock(latency=0.004)
-    edge = Edge(Obstacles(), ["a", "b"], clock, faults, joint_clock=late)
+    edge = Edge(Obstacles(), ["a", "b"], clock, faults, EdgeSettings(joint_clock=late))
     source = SocketInput(address)
     stamp, plans = time.monotonic(), []
     times, q, v = [0.0, 0.5, 1.0], np.arange(6.0).reshape(3, 2), np.ones((3, 2))
@@ -213,9 +215,9 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
         with pytest.raises(StreamError, match="q: has shape"):
             publisher.plan("commit", stamp, ["b", "a"], times, q[:2], v, 0.01)
         end = time.monotonic() + PATIENCE
-        while edge.joint_state is None and time.monotonic() < end:
+        while edge.joints.state is None and time.monotonic() < end:
             edge.drain([source])
-            plans += edge.plans
+            plans += edge.requests.plans
     source.close()
     assert faults.total == 0
     assert [(one.number, one.ask, one.problem) for one in plans] == [
@@ -230,13 +232,13 @@ def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     assert other.tracking_error.tolist() == [0.2, 0.1]
     assert other.velocity_tracking_error.tolist() == [0.4, 0.3]
     # A state was measured before its stamp by the latency; a plan says where the arm will be.
-    assert piece.stamp - edge.joint_state.stamp == pytest.approx(0.004, abs=1e-9)
+    assert piece.stamp - edge.joints.state.stamp == pytest.approx(0.004, abs=1e-9)
 
 
 def test_what_is_asked_of_contact_arrives(address):
     clock = MonotonicClock()
     faults = FaultLog(clock.now)
-    edge = Edge(Obstacles(), ["a"], clock, faults, reset_token="sesame")
+    edge = Edge(Obstacles(), ["a"], clock, faults, EdgeSettings(reset_token="sesame"))
     source = SocketInput(address)
     until, corners, found = time.monotonic() + 60.0, np.vstack([np.zeros(3), np.eye(3)]), []
     with Publisher(source.address) as publisher:
@@ -251,12 +253,12 @@ def test_what_is_asked_of_contact_arrives(address):
         end = time.monotonic() + PATIENCE
         while len(found) < 3 and time.monotonic() < end:
             edge.drain([source])
-            found += edge.exemptions
+            found += edge.requests.exemptions
     source.close()
     assert faults.total == 0
     timed, zoned, ended = found
     assert timed[:5] == (numbers[0], False, "hand", "part*", "camera")
-    assert timed.until == pytest.approx(until - edge.offset, abs=1e-3)
+    assert timed.until == pytest.approx(until - edge.times.offset, abs=1e-3)
     assert zoned.number == numbers[1] != numbers[0]
     assert np.array_equal(zoned.zone, corners)
     assert ended[:2] == (numbers[0], True)

@@ -5,7 +5,8 @@ import numpy as np
 
 from armguard.clock import ManualClock
 from armguard.obstacles import Frame, Obstacles
-from armguard.streams import Edge, FaultLog
+from armguard.streams import Edge, EdgeSettings, FaultLog
+from armguard.streams.other_arm_intake import OtherArm
 
 JOINTS = ["shoulder", "elbow"]
 MONOTONIC = 1000.0
@@ -40,7 +41,9 @@ class World:
             "monotonic": lambda: self.clock.now() + MONOTONIC,
             "unix": lambda: self.clock.now() + UNIX,
         }
-        self.edge = Edge(self.obstacles, JOINTS, self.clock, self.faults, **(clocks | options))
+        self.edge = Edge(
+            self.obstacles, JOINTS, self.clock, self.faults, EdgeSettings(**(clocks | options))
+        )
 
     def send(self, *messages):
         self.input.waiting += [pack(message) for message in messages]
@@ -82,3 +85,46 @@ def joints(**changes):
     }
     message.update(changes)
     return {key: value for key, value in message.items() if value is not ...}
+
+
+class HeldUpClock(ManualClock):
+    """The process is held up after each reading, as long as is written down; then not at all."""
+
+    def __init__(self, *holds):
+        super().__init__(5.0)
+        self.holds = list(holds)
+        self.readings = []
+
+    def now(self):
+        reading = super().now()
+        self.readings.append(reading)
+        if self.holds:
+            self.sleep_until(reading + self.holds.pop(0))
+        return reading
+
+
+def make_held_up_world(**options):
+    clock = HeldUpClock()
+    true_time = lambda: ManualClock.now(clock)  # noqa: E731  # the readings of others take no time
+    offsets = {"monotonic": lambda: true_time() + MONOTONIC, "unix": lambda: true_time() + UNIX}
+    world = World(clock, **(offsets | options))
+    clock.readings.clear()
+    return world
+
+
+def two_arms(**options):
+    told = []
+    other = OtherArm(
+        ["base", "tip"], lambda *state: told.append(state), lambda *plan: told.append(plan)
+    )
+    return World(arm="left", others={"right": other}, **options), told
+
+
+def plan(**changes):
+    still = [[0.0, 0.0]] * 2
+    message = {"type": "plan", "ask": "commit", "number": 3, "stamp": MONOTONIC + 5.0}
+    message |= {"names": ["shoulder", "elbow"], "times": [0.0, 1.0], "q": still, "v": still}
+    return message | {"tracking_error": 0.01} | changes
+
+
+ZONE = [[x, y, z] for x in (0.4, 0.8) for y in (-0.2, 0.2) for z in (0.0, 0.5)]

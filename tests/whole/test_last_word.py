@@ -31,7 +31,7 @@ RUN = """
 import sys
 from pathlib import Path
 from armguard.app.cell.cell import Cell
-from armguard.app.loop import run
+from armguard.app.loop import RunOptions, run
 
 def observe(loop, verdict):
     if Path(sys.argv[1], "fail").exists():
@@ -39,7 +39,7 @@ def observe(loop, verdict):
 
 run(
     Cell.load(Path(sys.argv[1], "cell.toml")),
-    *(f"ipc://{sys.argv[1]}/{name}" for name in ("obstacles", "joints", "verdicts")),
+    RunOptions(*(f"ipc://{sys.argv[1]}/{name}" for name in ("obstacles", "joints", "verdicts"))),
     observe=observe,
 )
 """

@@ -51,9 +51,10 @@ from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.scheduling.schedule import DEADLINE
 from armguard.streams.authentication import Authenticator, Client
-from armguard.streams.edge import HELD_UP, OwnPoints
+from armguard.streams.cloud_intake import OwnPoints
 from armguard.streams.keys import KeyPair
 from armguard.streams.limits import SourceLimits
+from armguard.streams.stamp_clocks import HELD_UP
 
 if TYPE_CHECKING:
     from armguard.pairs.arm_obstacles import ArmObstacles

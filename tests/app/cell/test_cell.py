@@ -17,8 +17,8 @@ from armguard.people import BOUNDS
 from armguard.recording import Recorder
 from armguard.robot import Robot
 from armguard.streams import SourceLimits
-from armguard.streams.edge import HELD_UP
 from armguard.streams.keys import write_new_pair
+from armguard.streams.stamp_clocks import HELD_UP
 from support.cell_texts import FRAMES, ROBOT
 
 EXAMPLE = Path(__file__).parents[3] / "demos" / "cell.toml"

@@ -1,0 +1,106 @@
+"""States of obstacles, and removals: handed to the table in the monitor's time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from armguard.exceptions import ArmguardError
+from armguard.messages.incoming import (
+    MessageError,
+    ObstaclesMessage,
+    RemoveMessage,
+    to_points,
+    to_values,
+)
+from armguard.streams.intake import Intake
+from armguard.streams.source_accounts import SourceAccounts
+from armguard.streams.stamp_clocks import MONOTONIC, StampClock
+from armguard.streams.widening import widen
+
+_POINT_FIELDS = ("position", "velocity")
+_VALUE_FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+
+
+class ObstacleIntake:
+    """Takes states of obstacles, and removals.
+
+    Args:
+        intake: The table, where faults are counted, and times.
+        accounts: What sources may send.
+        clocks: How sources stamp; those not named here, with the monotonic clock.
+        accel: Bound of obstacles that bring none and that no pattern of the table's fits, in
+            [m/s²]; for sources without a clock.
+        speed: Alike, in [m/s].
+    """
+
+    def __init__(
+        self,
+        intake: Intake,
+        accounts: SourceAccounts,
+        clocks: Mapping[str, StampClock],
+        accel: float = math.inf,
+        speed: float = math.inf,
+    ) -> None:
+        self._intake = intake
+        self._accounts = accounts
+        self._clocks = clocks
+        self._bounds = accel, speed
+
+    def take(self, message: ObstaclesMessage) -> None:
+        """Tell the table of obstacles; what cannot be used is counted."""
+        intake, source, sequence = self._intake, message.source, message.seq
+        self._accounts.check_obstacles(message)
+        clock = self._clocks.get(source, MONOTONIC)
+        stamp, gap = intake.times.translate(message.stamp, clock)
+        fields: dict[str, Any] = {
+            field: getattr(message, field) for field in (*_POINT_FIELDS, *_VALUE_FIELDS)
+        }
+        counted = False
+        try:
+            fields = _unpack(fields, len(message.ids))
+            intake.check_finite(source, sequence, {"stamp": message.stamp, **fields})
+            window = clock.error + gap
+            if window > 0.0:
+                known = intake.obstacles.bounds.find(message.ids, *self._bounds)
+                widen(fields, window, *known)
+        except MessageError as error:
+            # Handed on as it came: the table refuses it too, and so the verdict knows of it.
+            intake.faults.add("malformed", source, sequence, str(error))
+            counted = True
+        try:
+            intake.obstacles.update(
+                message.ids,
+                stamp,
+                source=source,
+                frame=message.frame,
+                snapshot=message.snapshot,
+                **fields,
+            )
+        except ArmguardError as error:
+            if not counted:
+                intake.faults.add("refused", source, sequence, str(error))
+
+    def take_removal(self, message: RemoveMessage) -> None:
+        """Tell the table what has gone; what cannot be used is counted."""
+        intake, source = self._intake, message.source
+        # A removal that looks older than it is removes less.
+        stamp, _ = intake.times.translate(message.stamp, self._clocks.get(source, MONOTONIC))
+        try:
+            intake.obstacles.remove(message.ids, stamp=stamp, source=source)
+        except ArmguardError as error:
+            intake.faults.add("refused", source, message.seq, str(error))
+
+
+def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:
+    """The fields of `count` obstacles as arrays; None and single numbers stay as they are."""
+    arrays: dict[str, Any] = {}
+    for field, value in fields.items():
+        if value is None or isinstance(value, float):
+            arrays[field] = value
+        elif field in _POINT_FIELDS:
+            arrays[field] = to_points(field, value, count)
+        else:
+            arrays[field] = to_values(field, value, count)
+    return arrays

@@ -1,0 +1,91 @@
+import math
+import re
+
+import numpy as np
+import pytest
+
+from armguard.exceptions import ObstacleError
+from armguard.obstacles import Obstacles
+from support.stream_messages import (
+    MONOTONIC,
+    World,
+    obstacles,
+)
+
+
+def test_a_good_message_reaches_the_table_in_monitor_time():
+    world = World()
+    world.send(obstacles(stamp=MONOTONIC + 4.75, frame="camera"))
+    table, row = world.obstacles.table, world.obstacles.row("a")
+    assert world.stamp() == pytest.approx(4.75, abs=1e-9)
+    assert table.accepted.points[row, 0].tolist() == [2.0, 2.0, 3.0]
+    assert table.accepted.position_error[row] == pytest.approx(0.01)
+    assert world.faults.total == 0
+    assert world.lines == []
+
+
+def test_heartbeat_snapshot_and_removal():
+    world = World()
+    world.send(obstacles(ids=["a", "b"], position=[[1, 2, 3], [4, 5, 6]], velocity=...))
+    assert len(world.obstacles) == 2
+    world.send(obstacles(seq=2, ids=[], position=b"", velocity=..., radius=...))
+    assert len(world.obstacles) == 2
+    later = MONOTONIC + 5.1
+    world.send(obstacles(seq=3, stamp=later, velocity=..., snapshot=True))
+    assert len(world.obstacles) == 1
+    remove = {"type": "remove", "source": "cam0", "seq": 4, "stamp": later + 0.1, "ids": ["a"]}
+    world.send(remove)
+    assert len(world.obstacles) == 0
+    assert world.faults.total == 0
+    assert world.obstacles.take_faults() == []
+
+
+BAD_OBSTACLES = [
+    ({"position": [[1.0, math.nan, 3.0]]}, "not finite", r"position\[0, 1\] is nan"),
+    ({"position": np.array([1, np.inf, 3.0]).tobytes()}, "not finite", r"position\[0, 1\] is inf"),
+    ({"velocity": [[math.nan, 0.0, 0.0]]}, "not finite", r"velocity\[0, 0\] is nan"),
+    ({"radius": math.nan}, "not finite", "radius is nan"),
+    ({"radius": [math.inf]}, "not finite", r"radius\[0\] is inf"),
+    ({"speed": math.nan}, "not finite", "speed is nan"),
+    ({"stamp": math.nan}, "not finite", "stamp is nan"),
+    ({"stamp": math.inf}, "not finite", "stamp is inf"),
+    ({"frame": "moon"}, "refused", "moon"),
+    ({"ids": ["a", "a"], "position": [[1, 2, 3]] * 2, "velocity": ...}, "refused", "'a'"),
+    ({"ids": ["a", "b"]}, "malformed", "position is 1 rows"),
+    ({"radius": ...}, "refused", "radius"),
+    ({"radius": [0.1, 0.2]}, "malformed", "radius is 2 values"),
+    ({"position": b"\0" * 25}, "malformed", "25 bytes"),
+    ({"velocity": [[[0, 0, 0]] * 2]}, "refused", "velocity"),
+    ({"position": [[1, 2]]}, "malformed", r"shape \(1, 2\)"),
+]
+
+
+@pytest.mark.parametrize(("changes", "kind", "text"), BAD_OBSTACLES)
+def test_bad_obstacles_are_named_and_the_verdict_hears_of_them(changes, kind, text):
+    world = World()
+    world.send(obstacles(seq=17, **changes))
+    assert kind in world.kinds()
+    line = next(line for line in world.lines if line.startswith(kind))
+    assert "cam0 message 17" in line
+    assert re.search(text, line)
+    assert world.obstacles.take_faults(), "the table must know, so that the verdict is STOP"
+
+
+def test_good_rows_beside_a_bad_one_are_taken():
+    world = World()
+    bad = obstacles(ids=["a", "b"], position=[[1, 2, 3], [math.nan, 5, 6]], velocity=...)
+    world.send(bad)
+    table = world.obstacles.table
+    assert table.has_state[world.obstacles.row("a")]
+    assert not table.has_state[world.obstacles.row("b")]
+
+
+def test_infinite_bounds_say_that_there_is_none():
+    world = World()
+    world.send(obstacles(accel=math.inf, speed=[math.inf], velocity=...))
+    assert world.faults.total == 0
+
+
+def test_the_table_raises_on_malformed_calls_as_the_edge_relies_on():
+    with pytest.raises(ObstacleError):
+        Obstacles().update(["a"], 0.0, b"\0" * 25, radius=0.1)
