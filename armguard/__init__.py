@@ -38,6 +38,7 @@ from armguard.monitor import (
 from armguard.obstacles import Fault, Frame, Obstacles, Source
 from armguard.pairs import ArmObstacles, CloudFilter, SeparationRule
 from armguard.robot import OperatingLimits, Robot
+from armguard.settings import Settings
 from armguard.verdict import Held, Level, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ __all__ = [
     "Recorder",
     "Robot",
     "SeparationRule",
+    "Settings",
     "Snapshot",
     "Source",
     "TrialTick",

@@ -1,7 +1,8 @@
 """The reference of cell files: `python docs/make_cell.py` writes docs/cell.md.
 
 Tables are made of the classes in armguard/app/cell/schema.py: what a key is called, its type, and
-the text that stands below it. Defaults that the schema leaves to the classes which a table
+the text that stands below it. Settings of the monitor come from their record in
+armguard/settings/settings.py. Defaults that the schema leaves to the other classes which a table
 configures are read from their signatures.
 """
 
@@ -12,21 +13,23 @@ import inspect
 import itertools
 import re
 from pathlib import Path
-from typing import Any, get_args
+from types import ModuleType
+from typing import Any, Literal, get_args, get_origin
 
 import msgspec
 
 from armguard.app.cell import schema
-from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.pairs import SeparationRule
+from armguard.settings import settings
+from armguard.settings.declarations import Declaration, read_declarations
 from armguard.streams import SourceLimits
 
 PAGE = Path(__file__).resolve().parent / "cell.md"
 
 HEAD = """# Cell file
 
-<!-- written by docs/make_cell.py from armguard/app/cell/schema.py: change it there -->
+<!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings/settings.py: change it there -->
 
 What a `cell.toml` may say. `armguard run`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
 
@@ -45,7 +48,6 @@ TYPES = {
     "NotNegative": "number from 0 on",
     "NotNegative | Literal['own']": '`"own"`, or a number from 0 on',
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
-    "Annotated[float, Meta(ge=0.0, lt=1.0)]": "number from 0 to below 1",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",
     "Annotated[int, Meta(gt=0, le=BYTE_LIMIT)]": "integer above 0",
@@ -68,9 +70,7 @@ TYPES = {
 
 CONFIGURED = {
     "SourceTable": (SourceLimits,),
-    "BoundsTable": (Obstacles, Monitor),
-    "MonitorTable": (Monitor,),
-    "ThresholdsTable": (Monitor,),
+    "BoundsTable": (Obstacles,),
     "SeparationTable": (SeparationRule,),
 }
 """The classes whose arguments a table gives, which have the defaults."""
@@ -101,16 +101,14 @@ WORDS = {
     "SourceTable.timeout": "`thresholds.source_timeout`",
     "EntranceTable.speed": "as `[bounds]` has it",
     "EntranceTable.accel": "as `[bounds]` has it",
-    "MonitorTable.budget": "no limit",
-    "ThresholdsTable.joint_timeout": "0.1, or 5 ticks where that is longer",
     "CellTables.settings_from": "a simulated visit to the arm",
 }
 """Defaults that are no values."""
 
 
-def read_texts() -> dict[str, dict[str, tuple[str, str | None, str]]]:
-    """By class and field: type, default and text, as the schema's source has them."""
-    tree = ast.parse(Path(schema.__file__).read_text(encoding="utf-8"))
+def read_texts(module: ModuleType) -> dict[str, dict[str, tuple[str, str | None, str]]]:
+    """By class and field: type, default and text, as a module's source has them."""
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
     classes: dict[str, dict[str, tuple[str, str | None, str]]] = {}
     for node in (one for one in tree.body if isinstance(one, ast.ClassDef)):
         fields = classes[node.name] = {}
@@ -126,7 +124,7 @@ def read_texts() -> dict[str, dict[str, tuple[str, str | None, str]]]:
     return classes
 
 
-TEXTS = read_texts()
+TEXTS, SETTINGS = read_texts(schema), read_texts(settings)["Settings"]
 
 
 def list_tables() -> list[type]:
@@ -145,7 +143,7 @@ def list_tables() -> list[type]:
                 if isinstance(kind, type) and issubclass(kind, schema.CellTables.__base__):
                     visit(kind)
 
-    visit(schema.CellTables)
+    visit(schema.complete_tables())
     return [one for one in found if one is not schema.RoundTable]
 
 
@@ -183,6 +181,21 @@ def name_default(owner: str, key: str, default: str | None) -> str:
     return _write_value(ast.literal_eval(default) if named is None else named)
 
 
+def write_setting(declared: Declaration) -> tuple[str, str, str]:
+    """Type, default and text of a setting of the monitor."""
+    *_, text = SETTINGS[declared.name]
+    kind = declared.plain_type
+    if get_origin(kind) is Literal:
+        words = " or ".join(f'`"{choice}"`' for choice in get_args(kind))
+    else:
+        words = declared.expected.removesuffix(", or None").removeprefix("a ")
+        words = words.replace("finite ", "").replace("whole number", "integer")
+    if declared.default is not None:
+        return words, _write_value(declared.default), text
+    text, default = text.split(" Left out: ")
+    return words, default.removesuffix("."), text
+
+
 def _write_value(value: object) -> str:
     """A value as the page has it."""
     if isinstance(value, tuple):
@@ -197,7 +210,7 @@ def write_table(table: type) -> str:
     text = " ".join((table.__doc__ or "").split("\n\n")[0].split())
     found = re.fullmatch(r"`(\[.*?\])`: (.*)", text)
     heading, words = ("Keys at the top", text) if found is None else found.groups()
-    if table is schema.CellTables:
+    if issubclass(table, schema.CellTables):
         words = "Before any table."
     elif table is schema.PatternTable:
         heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
@@ -206,12 +219,16 @@ def write_table(table: type) -> str:
     words = words[0].upper() + words[1:]
     heading = heading if heading == "Keys at the top" else f"`{heading}`"
     rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
+    listed = {}
     for owner in (base.__name__ for base in reversed(table.__mro__)):
         for key, (annotation, default, text) in TEXTS.get(owner, {}).items():
-            unit, meaning = split_unit(text)
-            stands = name_default(owner, key, default)
-            row = " | ".join((f"`{key}`", name_type(annotation), unit, stands, meaning))
-            rows.append(f"| {row} |")
+            listed[key] = name_type(annotation), name_default(owner, key, default), text
+    for key, declared in read_declarations(settings.Settings).items():
+        if key in table.__struct_fields__ and key not in listed:
+            listed[key] = write_setting(declared)
+    for key, (kind, default, text) in listed.items():
+        unit, meaning = split_unit(text)
+        rows.append(f"| `{key}` | {kind} | {unit} | {default} | {meaning} |")
     return f"## {heading}\n\n{words}\n\n" + "\n".join(rows) + "\n"
 
 

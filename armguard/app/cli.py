@@ -571,8 +571,7 @@ class Tradeoff:
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these: operating, cover, motion, schedule, max_staleness, rate, budget,
-    auto."""
+    """Only these axes, such as cover, motion, schedule, rate or auto; an unknown one names all."""
     seconds: float = 20.0
     """Of the scene."""
     seed: int = 0

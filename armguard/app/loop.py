@@ -443,7 +443,7 @@ def run(
         },
         # What this clock is off by is in the robot's joint errors already.
         joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
-        joint_timeout=monitor.settings.joint_timeout,
+        joint_timeout=monitor.settings.longest_joint_step,
         reset_token=reset_token,
         limits=cell.source_limits,
         own_points=cell.make_own_points(robot),

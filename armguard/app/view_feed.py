@@ -286,7 +286,7 @@ class MonitorFeed:
         settings = self._monitor.settings
         is_heard = verdict.sequence > 0 and math.isfinite(verdict.stamp)
         robot_age = now - verdict.stamp if is_heard else None
-        heard = [("robot", self._states, robot_age, settings.joint_timeout)]
+        heard = [("robot", self._states, robot_age, settings.longest_joint_step)]
         for name, messages, newest, timeout in self._monitor.obstacles.heard_sources:
             age = now - newest if math.isfinite(newest) else None
             heard.append((name, messages, age, timeout or settings.source_timeout))

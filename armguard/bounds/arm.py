@@ -20,9 +20,6 @@ from armguard.robot.robot import Robot
 PLANNED = "planned"
 """Bounds by joints, and a controller that tells what it is about to do."""
 
-MOTIONS = ("joint", "isotropic", PLANNED)
-"""Names of what a monitor may bound the arm's motion by; each includes what the arm can reach."""
-
 
 class ArmMotion:
     """Reach, isotropic, joint and braking bounds of one arm.

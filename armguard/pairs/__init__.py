@@ -6,7 +6,7 @@ Beside them what of a camera's points is the arm, and another arm as obstacles o
 from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.pairs.cloud_filter import CloudFilter
 from armguard.pairs.separation import compute_separation
-from armguard.pairs.separation_margin import SeparationRule
+from armguard.settings.separation_rule import SeparationRule
 
 __all__ = [
     "ArmObstacles",

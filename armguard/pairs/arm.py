@@ -6,10 +6,9 @@ import copy
 from typing import Any
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
-from armguard.bounds.arm import ArmMotion
+from armguard.bounds.arm import PLANNED, ArmMotion
 from armguard.contact.earliest import Certificate
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
@@ -21,6 +20,7 @@ from armguard.pairs.proof import prove_pair
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+from armguard.settings.settings import Settings
 
 
 class WatchedArm:
@@ -30,12 +30,7 @@ class WatchedArm:
         robot: The arm.
         obstacles: The table.
         ignored: Pairs that are not watched.
-        margin: Distance that counts as contact already, [m].
-        reaction_time: From a STOP to braking torque, [s].
-        base_placement: Of the robot's base in the world; None: at the origin.
-        with_joints: Whether joint and braking bounds are used.
-        with_plans: Whether plans are judged.
-        by_distance: Whether pairs are ranked by distance over closing speed.
+        settings: Where the arm stands, and which bounds count.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
 
@@ -49,13 +44,7 @@ class WatchedArm:
         robot: Robot,
         obstacles: Obstacles,
         ignored: IgnoredPairs,
-        margin: float,
-        reaction_time: float,
-        base_placement: pinocchio.SE3 | None,
-        *,
-        with_joints: bool,
-        with_plans: bool,
-        by_distance: bool,
+        settings: Settings,
         in_force: LimitsInForce | None = None,
         exemptions: Exemptions | None = None,
     ) -> None:
@@ -66,21 +55,21 @@ class WatchedArm:
         self.obstacles = obstacles
         self._ignored = ignored
         self._exemptions = exemptions
-        self.kinematics = Kinematics(robot, base_placement)
+        self.kinematics = Kinematics(robot, settings.base_placement)
         self.motion = ArmMotion(
             robot,
-            reaction_time,
-            base_placement,
-            with_joints=with_joints,
-            with_plans=with_plans,
+            settings.reaction_time,
+            settings.base_placement,
+            with_joints=settings.with_joints,
+            with_plans=settings.motion == PLANNED,
             in_force=in_force,
         )
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
-            margin=margin,
-            by_distance=by_distance,
+            margin=settings.margin,
+            by_distance=settings.by_distance,
         )
         self.hull_distance = HullDistance(robot, self.kinematics)
         # Compiled now: joints beyond their limits must not wait for it in their tick.

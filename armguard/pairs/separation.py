@@ -19,9 +19,7 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-
-HUMAN_SPEED = 1.6
-"""How fast a person walks towards a robot where nothing else is known, in [m/s] [Approach]_."""
+from armguard.settings.separation_rule import HUMAN_SPEED
 
 
 def compute_separation(

@@ -28,20 +28,8 @@ from armguard.obstacles.possible_states import is_known, possible_states, state_
 from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree
-from armguard.pairs.separation import HUMAN_SPEED, separation_of
-
-
-class SeparationRule(NamedTuple):
-    """Parameters of the rule. What a table or a robot says of errors comes on top of them."""
-
-    human_speed: float | None = HUMAN_SPEED
-    """Speed of every obstacle that is not static, v_h, in [m/s]; None: its own speed bound."""
-    intrusion_distance: float = 0.0
-    """How far a person reaches before they are seen, C, in [m]; not added for what stands still."""
-    human_uncertainty: float = 0.0
-    """Added to the obstacle's position error, Zd, in [m]."""
-    robot_uncertainty: float = 0.0
-    """Added to the sphere's position error, Zr, in [m]."""
+from armguard.pairs.separation import separation_of
+from armguard.settings.separation_rule import SeparationRule
 
 
 class _Terms(NamedTuple):

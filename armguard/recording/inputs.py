@@ -14,7 +14,6 @@ from msgspec import UNSET
 from numpy.typing import NDArray
 
 from armguard.bounds.planned.plan import Plan
-from armguard.monitor.settings import read_number
 from armguard.recording.events import (
     JointState,
     Numbers,
@@ -23,6 +22,7 @@ from armguard.recording.events import (
     PlanField,
 )
 from armguard.robot.portable import read_numbers, write_number, write_numbers
+from armguard.settings.declarations import read_number
 
 MOST_NUMBERS = 1 << 20
 """Longer arrays are refused by their shapes whatever stands in them, and so that alone is kept."""

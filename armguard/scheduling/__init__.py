@@ -4,10 +4,10 @@
 follow `Schedule`, and those of the paper stand in `paper`.
 """
 
-from armguard.scheduling.paper.arguments import Measure
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
-from armguard.scheduling.schedule import DEADLINE, SCHEDULES, Schedule, make_schedule
+from armguard.scheduling.schedule import SCHEDULES, make_schedule
+from armguard.settings.schedule import DEADLINE, Measure, Schedule
 
 __all__ = [
     "DEADLINE",

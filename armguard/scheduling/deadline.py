@@ -62,9 +62,7 @@ from armguard.scheduling.scheduler import (
 )
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 from armguard.scheduling.tournament import entries_of
-
-UNLIMITED = 2**62
-"""A budget that nothing exceeds."""
+from armguard.settings.settings import MOST_EVALUATIONS, Settings
 
 
 class _Desk(NamedTuple):
@@ -99,12 +97,7 @@ class DeadlineScheduler:
         obstacles: The table; this scheduler is the one that follows its rows from now on.
         make_arm: Lays out an arm as it is.
         states: Where joint positions and velocities of each tick stand.
-        braking_delay: From a tick until its STOP brakes: period, latency and reaction time, in [s].
-        max_staleness: How stale an answer may look, as a fraction of itself.
-        aware_margin: Beyond the stopping time, in [s]: what could be touched within is refined.
-        period: Of ticks, in [s].
-        budget: Evaluations in a tick after which nothing further is begun, and those of a question
-            by the stop decision; None: no limit.
+        settings: How stale answers may look, what is refined, and the budget.
         operating: What tests joint states against operating limits; None: there are none.
     """
 
@@ -114,11 +107,7 @@ class DeadlineScheduler:
         obstacles: Obstacles,
         make_arm: Callable[[Robot], WatchedArm],
         states: JointStates,
-        braking_delay: float,
-        max_staleness: float,
-        aware_margin: float,
-        period: float,
-        budget: int | None,
+        settings: Settings,
         operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
@@ -128,9 +117,8 @@ class DeadlineScheduler:
         """Of arms that are laid out ahead."""
         self._states = states
         self._record = make_empty_record() if operating is None else operating.record
-        self._max_staleness, self._period = max_staleness, period
-        self._budget = UNLIMITED if budget is None else budget
-        self._pace = braking_delay, max_staleness, aware_margin, period, self._budget
+        self._settings = settings
+        self._budget = MOST_EVALUATIONS if settings.budget is None else settings.budget
         self._candidates = np.zeros(0, dtype=np.int64)
         self._placed = -2
         self._changes = -1
@@ -140,7 +128,7 @@ class DeadlineScheduler:
 
     @property
     def stale_evaluations(self) -> int:
-        """How many evaluations so far came later than max_staleness asked for."""
+        """How many evaluations so far came later than they were due."""
         return int(self.certificates.numbers[STALE])
 
     @property
@@ -286,7 +274,8 @@ class DeadlineScheduler:
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs as imminent as all obstacles are now."""
-        certificates, max_staleness, period = self.certificates, self._max_staleness, self._period
+        certificates, settings = self.certificates, self._settings
+        max_staleness, period = settings.max_staleness, settings.period
         rows = np.flatnonzero(certificates.watched.any(axis=1))
         evaluated_at = certificates.evaluated_at[rows]
         known = np.isfinite(evaluated_at)
@@ -454,9 +443,14 @@ class DeadlineScheduler:
         certificates = grow_certificates(certificates, table.changed_rows, table.reference_states)
         candidates = np.zeros(len(certificates.watched), dtype=np.int64)
         scene = arm.state.scene
-        guard, record = self._states.guard, self._record
-        decides = scene.settings.with_joints
-        tick_data = pack(TickData(scene, certificates, guard, record, *self._pace, decides))
+        settings = self._settings
+        tick_data = pack(
+            TickData(
+                scene, certificates, self._states.guard, self._record,
+                settings.braking_delay, settings.max_staleness, settings.aware_margin,
+                settings.period, self._budget, scene.settings.with_joints,
+            )
+        )  # fmt: skip
         return _Desk(
             table.accepted,
             certificates,

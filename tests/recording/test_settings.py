@@ -65,13 +65,14 @@ def change(**changes):
     return robot, data
 
 
-def test_steps_of_an_evaluation_that_no_monitor_has_are_refused():
+def test_settings_of_earlier_versions_are_refused_and_missing_ones_are_as_by_default():
     robot, _, monitor = eventful_runs.make_monitor("joint")
     data = through_json(describe_settings(monitor))
     table = make_obstacles(data["obstacles"])
-    make_monitor({**data["monitor"], "advances": 8}, robot, table)
-    with pytest.raises(ArmguardError, match="advances: is 3; expected 8"):
-        make_monitor({**data["monitor"], "advances": 3}, robot, table)
+    with pytest.raises(ArmguardError, match="advances: is 8, and is no setting any more"):
+        make_monitor({**data["monitor"], "advances": 8}, robot, table)
+    del data["monitor"]["scale_rise"]
+    assert make_monitor(data["monitor"], robot, table).settings.scale_rise == 1.0
 
 
 def test_settings_are_changed_by_name():
@@ -98,7 +99,7 @@ def test_settings_are_changed_by_name():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"colour": "red"}, "setting 'colour': is not known; expected one of reaction_time"),
+        ({"colour": "red"}, "setting 'colour': is not known; expected one of rate, schedule"),
         ({"latency": "soon"}, "latency: is 'soon'; expected a number"),
         ({"latency": "nan"}, "latency: is 'nan'"),
         ({"budget": "1.5"}, "budget: is '1.5'"),

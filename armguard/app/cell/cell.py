@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from armguard.app.cell.frames import Placement, place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import (
+    SETTINGS_TABLES,
     ArmTable,
     CellTables,
     IgnoreTable,
@@ -40,7 +41,6 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.pairs.arm_obstacles import ArmObstacles
 from armguard.pairs.cloud_filter import CloudFilter
-from armguard.pairs.separation_margin import SeparationRule
 from armguard.people import BOUNDS
 from armguard.robot.description import (
     DESCRIPTION,
@@ -51,7 +51,10 @@ from armguard.robot.description import (
 )
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
-from armguard.scheduling.schedule import DEADLINE
+from armguard.settings.declarations import read_declarations
+from armguard.settings.schedule import DEADLINE
+from armguard.settings.separation_rule import SeparationRule
+from armguard.settings.settings import Settings
 from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP, OwnPoints
 from armguard.streams.keys import KeyPair
@@ -231,8 +234,11 @@ class Cell:
 
     def make_obstacles(self) -> Obstacles:
         """The table of obstacles, with its sources, frames, statics and entrances."""
-        bounds = given(self.tables.bounds)
-        bounds.pop("margin", None)
+        bounds = {
+            key: value
+            for key, value in given(self.tables.bounds).items()
+            if key not in read_declarations(Settings)
+        }
         bounds["bounds"] = self._patterns
         del bounds["of"]
         # An empty table says that there are no sources; none at all, that nothing is known of them.
@@ -366,16 +372,15 @@ class Cell:
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""
-        tables = self.tables
-        settings = {**given(tables.monitor), **given(tables.thresholds)}
-        margin = given(tables.bounds).get("margin")
-        if margin is not None:
-            settings["margin"] = margin
-        if tables.robot.payload is not UNSET:
-            settings["payload"] = tables.robot.payload
+        stated = {
+            key: value
+            for table in (*SETTINGS_TABLES, "robot")
+            for key, value in given(getattr(self.tables, table)).items()
+            if key in read_declarations(Settings)
+        }
         base = self.frames["base"]
         return {
-            **settings,
+            **stated,
             "ignore": self._expand_ignore(robot),
             "base_placement": pinocchio.SE3(base.rotation, base.translation),
             "separation": self._attempt("", self._make_rule),
@@ -566,7 +571,7 @@ class Cell:
             return "ignore"
         if offender in ("payload", "level"):
             return f"robot.{offender}"
-        for table in ("monitor", "thresholds", "bounds"):
+        for table in SETTINGS_TABLES:
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"
         return ""

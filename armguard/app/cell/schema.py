@@ -2,11 +2,13 @@
 
 Parsing is strict and every mistake is one `CellError` that names file, key, value and what was
 expected. A key that is absent leaves the matter to the default of the class that it configures,
-so no default is written down twice.
+so no default is written down twice. Settings of the monitor are not written down here either:
+`complete_tables` adds those that their record declares.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import tomllib
@@ -17,14 +19,13 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
-from armguard.monitor.settings import REMOVED
 from armguard.pairs.cloud_filter import SHELL
+from armguard.settings.declarations import read_declarations
+from armguard.settings.settings import REMOVED, NotNegative, Positive, Settings
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NotNegative = Annotated[float, Meta(ge=0.0)]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -287,8 +288,6 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     inf."""
     speed: NotNegative | UnsetType = UNSET
     """Bound on its speed, in [m/s]: at most 100, or inf."""
-    margin: NotNegative | UnsetType = UNSET
-    """A distance that counts as contact already, in [m]."""
     extent: Positive | UnsetType = UNSET
     """How far from the origin of the world coordinates may be, in [m]."""
     of: dict[Name, Name | PatternTable] = {}
@@ -299,42 +298,9 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
 class MonitorTable(_Table, frozen=True, kw_only=True):
     """`[monitor]`: how often and how pairs are evaluated."""
 
-    rate: Positive | UnsetType = UNSET
-    """Ticks a second, in [Hz]."""
-    schedule: Name | UnsetType = UNSET
-    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
-    `"distance"` or `"daa"` (the paper's)."""
-    motion: Name | UnsetType = UNSET
-    """How the arm's possible motion is bounded: `"joint"`, `"planned"` (the controller
-    commits pieces of its path) or `"isotropic"` (far more cautious)."""
-    leave: Name | UnsetType = UNSET
-    """When joints may leave a committed piece and brake: `"never"`, or at `"any"` moment."""
-    max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
-    """How stale an answer may look, as a fraction of itself, below 1."""
-    budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
-    """Evaluations in a tick after which the rest waits."""
-
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
-
-    reaction_time: NotNegative | UnsetType = UNSET
-    """From a STOP to braking torque, in [s]."""
-    latency: NotNegative | UnsetType = UNSET
-    """Of computing and transporting a verdict, in [s]."""
-    slow_margin: NotNegative | UnsetType = UNSET
-    """SLOW when contact could come this soon after the arm could have stopped, in [s]."""
-    aware_margin: NotNegative | UnsetType = UNSET
-    """AWARE within that time after the arm could have stopped, in [s]."""
-    rise_delay: NotNegative | UnsetType = UNSET
-    """Evidence that is needed before a level rises, after a reset as well, in [s]."""
-    scale_rise: Positive | UnsetType = UNSET
-    """By how much the speed scale rises in a second, at most, in [1/s]; it falls at once."""
-    source_timeout: Positive | UnsetType = UNSET
-    """Silence of sources that have no timeout of their own, in [s]."""
-    joint_timeout: Positive | UnsetType = UNSET
-    """Longest step between two joint states, and oldest state that is believed, in [s]. What is
-    longer or older is a STOP until a reset."""
 
 
 class SeparationTable(_Table, frozen=True, kw_only=True):
@@ -418,6 +384,33 @@ class CellTables(_Table, frozen=True, kw_only=True):
     """Who may connect."""
 
 
+SETTINGS_TABLES: dict[str, type[_Table]] = {
+    "monitor": MonitorTable,
+    "thresholds": ThresholdsTable,
+    "bounds": BoundsTable,
+}
+"""Tables that have the settings which are declared to stand in them, beside what they have here."""
+
+
+@functools.cache
+def complete_tables(record: type[msgspec.Struct] = Settings) -> type[CellTables]:
+    """The tables of a whole cell file, with the keys that a record of settings declares."""
+    completed: list[tuple[str, type, Any]] = []
+    for key, table in SETTINGS_TABLES.items():
+        keys = [
+            (one.name, one.plain_type | UnsetType, UNSET)
+            for one in read_declarations(record).values()
+            if one.table == key and one.plain_type is not None
+        ]
+        kind = msgspec.defstruct(table.__name__, keys, bases=(table,), frozen=True, kw_only=True)
+        kind.__doc__ = table.__doc__
+        completed.append((key, kind, kind()))
+    tables: Any = msgspec.defstruct(
+        "CellTables", completed, bases=(CellTables,), frozen=True, kw_only=True
+    )
+    return tables
+
+
 _MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
 
 _NAMED: dict[str, type[_Table]] = {
@@ -460,7 +453,7 @@ def parse_cell(text: str, file: str, arm: str | None = None) -> CellTables:
         for name, entry in entries.items() if isinstance(entries, dict) else ():
             _convert(entry, kind, f"{table}.{name}", file)
     _check_patterns(raw.get("bounds"), file)
-    tables = _convert(raw, CellTables, "", file)
+    tables = _convert(raw, complete_tables(), "", file)
     if "robots" in raw:
         return _choose_arm(tables, raw, arm, file)
     if "robot" not in raw:

@@ -10,12 +10,12 @@ from msgspec import UNSET
 from armguard.app.cell import Cell
 from armguard.app.cell.schema import SeparationTable
 from armguard.exceptions import ArmguardError, CellError
-from armguard.monitor import Monitor
 from armguard.pairs import SeparationRule
-from armguard.pairs.separation import HUMAN_SPEED
 from armguard.people import BOUNDS
 from armguard.recording import Recorder
 from armguard.robot import Robot
+from armguard.settings import Settings
+from armguard.settings.separation_rule import HUMAN_SPEED
 from armguard.streams import SourceLimits
 from armguard.streams.edge import HELD_UP
 from armguard.streams.keys import write_new_pair
@@ -50,30 +50,28 @@ def test_the_example_gives_robot_obstacles_and_monitor(example):
 
 def test_the_example_says_what_the_library_would_do_anyway():
     """The values that the example explains are the defaults, so that neither misleads."""
-    defaults = {
-        name: parameter.default for name, parameter in inspect.signature(Monitor).parameters.items()
-    }
+    defaults = Settings()
     tables = Cell.load(EXAMPLE).tables
     for table in (tables.monitor, tables.thresholds):
         for key in table.__struct_fields__:
             if key not in ("joint_timeout", "budget"):
-                assert getattr(table, key) == defaults[key], key
+                assert getattr(table, key) == getattr(defaults, key), key
     # This one alone is longer, for a desktop, and the file says what that costs.
     assert tables.thresholds.joint_timeout == 0.25 > max(0.1, 5.0 / tables.monitor.rate)
     # Without it the example would stop far more than it needs to, and says so.
     assert tables.robot.operating == "published"
     # What no number says, a file says by leaving it out.
-    assert (tables.monitor.budget, defaults["budget"]) == (UNSET, None)
+    assert (tables.monitor.budget, defaults.budget) == (UNSET, None)
 
 
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
-    keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__, "margin"}
+    keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__}
+    keys |= {*tables.bounds.__struct_fields__} - {"accel", "speed", "extent", "of"}
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
-    others = {"robot", "obstacles", "ignore", "base_placement", "certify", "separation"}
-    others |= {"operating", "payload", "removed"}
-    assert keys == set(inspect.signature(Monitor).parameters) - others
+    others = {"ignore", "base_placement", "certify", "separation", "operating", "payload"}
+    assert keys == set(Settings.__struct_fields__) - others
 
 
 @pytest.mark.parametrize("line", ['stop = "path"', "path_deceleration = 2.0"])
