@@ -23,7 +23,6 @@ from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
 from armguard.app.realtime import IdleCollector, Realtime, request_realtime
-from armguard.bounds.arm import PLANNED
 from armguard.bounds.planned.plan import Plan
 from armguard.clock import Clock, MonotonicClock
 from armguard.exceptions import ArmguardError
@@ -346,7 +345,7 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
         return refuse_plan("message", request.problem)
     if not is_newest:
         return refuse_plan("plan", "was overtaken by a newer one in the same tick")
-    if monitor.settings.motion != PLANNED:
+    if not monitor.settings.with_plans:
         return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
     return monitor.commit(_make_plan(request))
 

@@ -22,7 +22,6 @@ from armguard.app.reachable import find_reachable
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import Snapshot
 from armguard.obstacles.table import MOST_REFUSED
-from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.portable import describe_robot
 from armguard.robot.robot import Robot
 from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict
@@ -328,7 +327,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         origin: What the view cannot know from it.
     """
     robot, settings = monitor.robot, monitor.settings
-    limits = LimitsInForce(robot, settings.operating, monitor.payload)
+    limits = settings.put_in_force(robot)
     sensors = tuple(
         (name, tuple(_place(frame.rotation, frame.translation).ravel().tolist()))
         for name, frame in monitor.obstacles.settings.frames.items()

@@ -17,9 +17,6 @@ from armguard.bounds.sums import compute_sphere_levers
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
-PLANNED = "planned"
-"""Bounds by joints, and a controller that tells what it is about to do."""
-
 
 class ArmMotion:
     """Reach, isotropic, joint and braking bounds of one arm.

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError
 from armguard.monitor.trial import TrialTick
 from armguard.recording.events import (
@@ -153,7 +152,7 @@ def _tell(path: str, events: Sequence[Event], monitor: Any) -> None:
             if isinstance(event, Payload):
                 monitor.payload = float(event.payload)
             elif isinstance(event, PlanAsked):
-                if monitor.settings.motion == PLANNED:
+                if monitor.settings.with_plans:
                     monitor.commit(restore_plan(event))
             else:
                 apply_event(monitor, event)

@@ -56,7 +56,6 @@ from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot.attachments import PreparedBody
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
-from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
@@ -128,9 +127,9 @@ class Monitor:
         self._fresh_share = settings.fresh_share
         self._source_timeout = settings.source_timeout
         self._rule = rule = VerdictRule(settings)
-        self._in_force = in_force = LimitsInForce(robot, settings.operating, settings.payload)
+        self._in_force = in_force = settings.put_in_force(robot)
         self._operating = None
-        if settings.operating is not None:
+        if settings.has_operating:
             self._operating = OperatingHistory(robot, in_force, rule.rise_delay)
         self._states = JointStates(
             robot,

@@ -86,7 +86,7 @@ class Queries:
             self._in_force,
             tick,
             settings.response_time,
-            has_operating=settings.operating is not None,
+            has_operating=settings.has_operating,
         )
         return explanation._replace(remedies=remedies)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.bounds.arm import PLANNED, ArmMotion
+from armguard.bounds.arm import ArmMotion
 from armguard.contact.earliest import Certificate
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
@@ -61,7 +61,7 @@ class WatchedArm:
             settings.reaction_time,
             settings.base_placement,
             with_joints=settings.with_joints,
-            with_plans=settings.motion == PLANNED,
+            with_plans=settings.with_plans,
             in_force=in_force,
         )
         self.state = TickState(

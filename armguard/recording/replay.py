@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
@@ -223,7 +222,7 @@ class Replay:
             self._lost += event.events
         elif isinstance(event, PlanAsked):
             self._answer = None
-            if monitor.settings.motion == PLANNED:
+            if monitor.settings.with_plans:
                 self._answer = monitor.commit(restore_plan(event))
         elif isinstance(event, PlanAnswered):
             answer, self._answer = self._answer, None

@@ -115,16 +115,11 @@ def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
 
 
 def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) -> Monitor:
-    """A monitor from the data of `describe_settings`; errors as of `make_obstacles`.
-
-    What an earlier version did not record is as by default.
-    """
-    declarations = read_declarations(Settings)
+    """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     values = {
-        name: _read(declarations[name], value) if name in declarations else value
-        for name, value in data.items()
+        name: _read(declared, data[name]) for name, declared in read_declarations(Settings).items()
     }
-    return Monitor(robot, obstacles, read_settings(None, values))
+    return Monitor(robot, obstacles, read_settings(None, {**data, **values}))
 
 
 def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Robot) -> None:

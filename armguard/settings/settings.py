@@ -14,7 +14,8 @@ import pinocchio
 from msgspec import Meta
 
 from armguard.exceptions import ArmguardError
-from armguard.robot.operating_limits import OperatingLimits
+from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
+from armguard.robot.robot import Robot
 from armguard.settings.declarations import check_fields
 from armguard.settings.schedule import DEADLINE, Schedule
 from armguard.settings.separation_rule import SeparationRule
@@ -114,7 +115,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if self.leave != "never" and self.motion != "planned":
+        if self.leave != "never" and not self.with_plans:
             raise ArmguardError(
                 "leave", f"is {self.leave!r}", expected='"never" unless motion="planned"'
             )
@@ -164,6 +165,24 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     def with_joints(self) -> bool:
         """Whether joint and braking bounds are used."""
         return self.motion != "isotropic" and not self.by_distance
+
+    @property
+    def with_plans(self) -> bool:
+        """Whether the controller commits pieces of its path, and has them judged."""
+        return self.motion == "planned"
+
+    @property
+    def has_operating(self) -> bool:
+        """Whether operating limits are stated."""
+        return self.operating is not None
+
+    def put_in_force(self, robot: Robot) -> LimitsInForce:
+        """What a robot's joints keep to while it works, and how they stop under its payload.
+
+        Raises:
+            ArmguardError: The operating limits do not fit the robot, or the payload its brakes.
+        """
+        return LimitsInForce(robot, self.operating, self.payload)
 
     @property
     def fresh_share(self) -> float:

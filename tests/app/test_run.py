@@ -19,7 +19,7 @@ from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
 from armguard.app.premises import Premise
-from armguard.app.run import describe_missing_limits, describe_remedy, find_verdicts_address
+from armguard.app.run import describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
 from armguard.streams import (
@@ -307,20 +307,6 @@ def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_p
     assert "cannot be told from the finest: its level in" in told
     for premise in Premise:
         assert f"premise: {premise.text}" in told
-
-
-def test_a_start_without_operating_limits_says_what_that_costs():
-    text = CELL + "[sources]\n"
-    assert describe_missing_limits(Cell.from_text(text).build()[2]) is None
-    text = text.replace('operating = "published"\n', "")
-    told = describe_missing_limits(Cell.from_text(text).build()[2])
-    without, published = map(int, re.findall(r"(\d+) ms", told))
-    assert without > 1.5 * published
-    assert 'operating = "published"' in told
-    # As this cell has it: lighter loads stop sooner.
-    light = text.replace("[sources]", "payload = 0.0\n[sources]")
-    empty = describe_missing_limits(Cell.from_text(light).build()[2])
-    assert int(re.search(r"(\d+) ms", empty)[1]) < without
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):

@@ -65,14 +65,15 @@ def change(**changes):
     return robot, data
 
 
-def test_settings_of_earlier_versions_are_refused_and_missing_ones_are_as_by_default():
+def test_settings_that_are_none_any_more_or_missing_are_refused():
     robot, _, monitor = eventful_runs.make_monitor("joint")
     data = through_json(describe_settings(monitor))
     table = make_obstacles(data["obstacles"])
     with pytest.raises(ArmguardError, match="advances: is 8, and is no setting any more"):
         make_monitor({**data["monitor"], "advances": 8}, robot, table)
     del data["monitor"]["scale_rise"]
-    assert make_monitor(data["monitor"], robot, table).settings.scale_rise == 1.0
+    with pytest.raises(KeyError, match="scale_rise"):
+        make_monitor(data["monitor"], robot, table)
 
 
 def test_settings_are_changed_by_name():

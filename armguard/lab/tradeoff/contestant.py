@@ -21,7 +21,6 @@ from armguard.lab.tradeoff.ladder import BY_TIME, Setting
 from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.settings import read_settings
-from armguard.robot.operating_limits import LimitsInForce
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.settings.settings import Settings
 from armguard.verdict import Level
@@ -141,7 +140,7 @@ class Contestant:
         self.obstacles = self._site.make_obstacles()
         self.monitor = Monitor(self._robot, self.obstacles, settings)
         self.response, self._rise_delay = settings.braking_delay, settings.rise_delay
-        self._speeds = LimitsInForce(self._robot, settings.operating).velocity
+        self._speeds = settings.put_in_force(self._robot).velocity
         self.intake: list[float] = []
         self.begun = 0.0
         self._tick = self._message = 0
