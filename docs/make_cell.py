@@ -20,8 +20,7 @@ import msgspec
 
 from armguard.app.cell import schema
 from armguard.obstacles import Obstacles
-from armguard.pairs import SeparationRule
-from armguard.settings import settings
+from armguard.settings import separation_rule, settings
 from armguard.settings.declarations import Declaration, read_declarations
 from armguard.streams import SourceLimits
 
@@ -46,7 +45,6 @@ robot = { name = "panda" }
 TYPES = {
     "Positive": "number above 0",
     "NotNegative": "number from 0 on",
-    "NotNegative | Literal['own']": '`"own"`, or a number from 0 on',
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",
@@ -71,7 +69,6 @@ TYPES = {
 CONFIGURED = {
     "SourceTable": (SourceLimits,),
     "BoundsTable": (Obstacles,),
-    "SeparationTable": (SeparationRule,),
 }
 """The classes whose arguments a table gives, which have the defaults."""
 
@@ -124,7 +121,9 @@ def read_texts(module: ModuleType) -> dict[str, dict[str, tuple[str, str | None,
     return classes
 
 
-TEXTS, SETTINGS = read_texts(schema), read_texts(settings)["Settings"]
+TEXTS = {**read_texts(schema), **read_texts(settings), **read_texts(separation_rule)}
+RECORDS = (settings.Settings, separation_rule.SeparationRule)
+"""What declares keys that the schema does not have."""
 
 
 def list_tables() -> list[type]:
@@ -140,7 +139,7 @@ def list_tables() -> list[type]:
             while todo:
                 kind = todo.pop(0)
                 todo += get_args(kind)
-                if isinstance(kind, type) and issubclass(kind, schema.CellTables.__base__):
+                if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
                     visit(kind)
 
     visit(schema.complete_tables())
@@ -154,7 +153,7 @@ def name_type(annotation: str) -> str:
         return " or ".join(f'`"{choice}"`' for choice in re.findall(r"'(\w+)'", kind))
     if kind in TYPES:
         return TYPES[kind]
-    if re.fullmatch(r"\w+Table", kind):
+    if re.fullmatch(r"\w+Table|SeparationRule", kind):
         return "table"
     if re.fullmatch(r"(dict\[Name, |list\[)\w+Table\]", kind):
         return "tables"
@@ -181,15 +180,15 @@ def name_default(owner: str, key: str, default: str | None) -> str:
     return _write_value(ast.literal_eval(default) if named is None else named)
 
 
-def write_setting(declared: Declaration) -> tuple[str, str, str]:
+def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
     """Type, default and text of a setting of the monitor."""
-    *_, text = SETTINGS[declared.name]
     kind = declared.plain_type
     if get_origin(kind) is Literal:
         words = " or ".join(f'`"{choice}"`' for choice in get_args(kind))
     else:
         words = declared.expected.removesuffix(", or None").removeprefix("a ")
         words = words.replace("finite ", "").replace("whole number", "integer")
+        words = re.sub(r'("\w+")', r"`\1`", words)
     if declared.default is not None:
         return words, _write_value(declared.default), text
     text, default = text.split(" Left out: ")
@@ -214,18 +213,21 @@ def write_table(table: type) -> str:
         words = "Before any table."
     elif table is schema.PatternTable:
         heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
+    elif table is separation_rule.SeparationRule:
+        heading = "[separation]"
     elif table is schema.IgnoreTable:
         heading = "ignore = [{ … }]"
     words = words[0].upper() + words[1:]
     heading = heading if heading == "Keys at the top" else f"`{heading}`"
     rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
     listed = {}
-    for owner in (base.__name__ for base in reversed(table.__mro__)):
+    for owner in (one.__name__ for one in reversed(table.__mro__) if one not in RECORDS):
         for key, (annotation, default, text) in TEXTS.get(owner, {}).items():
             listed[key] = name_type(annotation), name_default(owner, key, default), text
-    for key, declared in read_declarations(settings.Settings).items():
-        if key in table.__struct_fields__ and key not in listed:
-            listed[key] = write_setting(declared)
+    for record in RECORDS:
+        for key, declared in read_declarations(record).items():
+            if key in table.__struct_fields__ and key not in listed:
+                listed[key] = write_setting(declared, TEXTS[record.__name__][key][-1])
     for key, (kind, default, text) in listed.items():
         unit, meaning = split_unit(text)
         rows.append(f"| `{key}` | {kind} | {unit} | {default} | {meaning} |")

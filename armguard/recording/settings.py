@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 import pinocchio
 
@@ -195,7 +196,7 @@ def _write(value: Any) -> Any:
             numbers = ((name, getattr(value, name)) for name in names)
             return {name: None if one is None else write_numbers(one) for name, one in numbers}
         case SeparationRule():
-            return value._asdict()
+            return msgspec.structs.asdict(value)
         case tuple():
             return [list(entry) for entry in value]
     if type(value) is DaaSchedule:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 from armguard.exceptions import ArmguardError
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
-from armguard.settings.schedule import DEADLINE, Schedule
+from armguard.settings.schedule import DEADLINE, Schedule, ScheduleName
 
-SCHEDULES = ("full", "distance", "daa")
+SCHEDULES: tuple[str, ...] = tuple(name for name in get_args(ScheduleName) if name != DEADLINE)
 """Names of schedules of pairs."""
 
 

@@ -20,6 +20,9 @@ from msgspec import Meta
 
 from armguard.exceptions import ArmguardError
 
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+
 PLAIN = (float, int, bool, str)
 """Types of values that files and command lines can state."""
 

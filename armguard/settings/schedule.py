@@ -18,6 +18,8 @@ from armguard.jit.arrays import IntArray
 
 Measure: TypeAlias = Literal["contact_time", "distance"]
 
+ScheduleName: TypeAlias = Literal["deadline", "full", "distance", "daa"]
+
 DEADLINE = "deadline"
 """The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""
 

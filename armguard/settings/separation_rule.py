@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal
+
+import msgspec
+
+from armguard.settings.declarations import NotNegative, check_fields
 
 HUMAN_SPEED = 1.6
 """How fast a person walks towards a robot where nothing else is known, in [m/s] [Approach]_."""
 
 
-class SeparationRule(NamedTuple):
-    """Parameters of the rule. What a table or a robot says of errors comes on top of them."""
+class SeparationRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The usual rule's distance, whose margin each verdict is to carry.
 
-    human_speed: float | None = HUMAN_SPEED
-    """Speed of every obstacle that is not static, v_h, in [m/s]; None: its own speed bound."""
-    intrusion_distance: float = 0.0
-    """How far a person reaches before they are seen, C, in [m]; not added for what stands still."""
-    human_uncertainty: float = 0.0
-    """Added to the obstacle's position error, Zd, in [m]."""
-    robot_uncertainty: float = 0.0
-    """Added to the sphere's position error, Zr, in [m]."""
+    What a table or a robot says of errors comes on top of these parameters.
+
+    Raises:
+        ArmguardError: A number is negative, infinite or none.
+    """
+
+    human_speed: NotNegative | Literal["own"] | None = HUMAN_SPEED
+    """At which people walk, in [m/s]; `"own"`: the speed bound of each obstacle, as `None` in
+    Python."""
+    intrusion_distance: NotNegative = 0.0
+    """How far a person reaches before they are seen, in [m]; not added for what stands still."""
+    human_uncertainty: NotNegative = 0.0
+    """Added to the errors of the positions of obstacles, in [m]."""
+    robot_uncertainty: NotNegative = 0.0
+    """Added to those of the arm, in [m]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.human_speed == "own":
+            msgspec.structs.force_setattr(self, "human_speed", None)

@@ -16,12 +16,10 @@ from msgspec import Meta
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
-from armguard.settings.declarations import check_fields
-from armguard.settings.schedule import DEADLINE, Schedule
+from armguard.settings.declarations import NotNegative, Positive, check_fields
+from armguard.settings.schedule import DEADLINE, Schedule, ScheduleName
 from armguard.settings.separation_rule import SeparationRule
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NotNegative = Annotated[float, Meta(ge=0.0)]
 Threshold = Annotated[NotNegative, Meta(extra={"table": "thresholds"})]
 OWN_PLACE = Meta(extra={"table": ""})
 """Of a setting that no table of a cell file simply repeats: it has a form of its own there."""
@@ -44,7 +42,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     rate: Annotated[Positive, Meta(examples=[100.0, 200.0, 500.0, 2000.0])] = 1000.0
     """Ticks a second, in [Hz]."""
-    schedule: Literal["deadline", "full", "distance", "daa"] | Schedule = "deadline"
+    schedule: ScheduleName | Schedule = "deadline"
     """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
     `"distance"` or `"daa"` (the paper's). In Python also a `Schedule` of your own."""
     motion: Annotated[

@@ -53,7 +53,6 @@ from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.settings.declarations import read_declarations
 from armguard.settings.schedule import DEADLINE
-from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import Settings
 from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.edge import HELD_UP, OwnPoints
@@ -383,7 +382,7 @@ class Cell:
             **stated,
             "ignore": self._expand_ignore(robot),
             "base_placement": pinocchio.SE3(base.rotation, base.translation),
-            "separation": self._attempt("", self._make_rule),
+            "separation": self.tables.separation,
             "operating": self._make_operating(robot),
         }
 
@@ -401,16 +400,6 @@ class Cell:
                 expected = f"one of {', '.join(BOUNDS)}, or {{ accel = …, speed = … }}"
                 raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
         return listed
-
-    def _make_rule(self) -> SeparationRule | None:
-        """The rule whose margin verdicts are to carry; None if the file does not ask for it."""
-        table = self.tables.separation
-        if table is None:
-            return None
-        numbers = given(table)
-        if table.human_speed == "own":
-            numbers["human_speed"] = None
-        return SeparationRule(**numbers)
 
     def _make_operating(self, robot: Robot) -> OperatingLimits | None:
         """What the controller keeps to; None if the file does not say."""

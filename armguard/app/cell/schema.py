@@ -20,8 +20,9 @@ from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
 from armguard.pairs.cloud_filter import SHELL
-from armguard.settings.declarations import read_declarations
-from armguard.settings.settings import REMOVED, NotNegative, Positive, Settings
+from armguard.settings.declarations import NotNegative, Positive, read_declarations
+from armguard.settings.separation_rule import SeparationRule
+from armguard.settings.settings import REMOVED, Settings
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
@@ -303,19 +304,6 @@ class ThresholdsTable(_Table, frozen=True, kw_only=True):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
 
 
-class SeparationTable(_Table, frozen=True, kw_only=True):
-    """`[separation]`: the usual rule's distance, whose margin each verdict is to carry."""
-
-    human_speed: NotNegative | Literal["own"] | UnsetType = UNSET
-    """At which people walk, in [m/s]; `"own"`: the bound of each obstacle."""
-    intrusion_distance: NotNegative | UnsetType = UNSET
-    """How far a person reaches before they are seen, in [m]."""
-    human_uncertainty: NotNegative | UnsetType = UNSET
-    """Added to the errors of the positions of obstacles, in [m]."""
-    robot_uncertainty: NotNegative | UnsetType = UNSET
-    """Added to those of the arm, in [m]."""
-
-
 class ClientTable(_Table, frozen=True, kw_only=True):
     """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
 
@@ -378,7 +366,7 @@ class CellTables(_Table, frozen=True, kw_only=True):
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
     """Times that decide about levels and faults."""
-    separation: SeparationTable | None = None
+    separation: SeparationRule | None = None
     """The usual rule's distance."""
     keys: KeysTable | None = None
     """Who may connect."""
@@ -566,11 +554,12 @@ def _translate(
 
 def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
     for name, _ in steps:
-        for field in msgspec.structs.fields(kind) if name and issubclass(kind, _Table) else ():
+        is_table = name and issubclass(kind, msgspec.Struct)
+        for field in msgspec.structs.fields(kind) if is_table else ():
             if field.name == name:
                 # A table that may be left out is one of two types.
                 for one in (field.type, *get_args(field.type)):
-                    if isinstance(one, type) and issubclass(one, _Table):
+                    if isinstance(one, type) and issubclass(one, msgspec.Struct):
                         kind = one
     return kind
 
@@ -596,7 +585,7 @@ def _choices(kind: type, steps: list[tuple[str, str]]) -> str:
                     words.append("a list")
                 elif get_origin(one) is Literal:
                     words += [repr(choice) for choice in get_args(one)]
-                elif isinstance(one, type) and issubclass(one, _Table):
+                elif isinstance(one, type) and issubclass(one, msgspec.Struct):
                     words.append("a table")
                 elif one in _PLAIN_WORDS:
                     words.append(_PLAIN_WORDS[one])

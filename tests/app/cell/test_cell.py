@@ -8,7 +8,6 @@ import pytest
 from msgspec import UNSET
 
 from armguard.app.cell import Cell
-from armguard.app.cell.schema import SeparationTable
 from armguard.exceptions import ArmguardError, CellError
 from armguard.pairs import SeparationRule
 from armguard.people import BOUNDS
@@ -316,16 +315,11 @@ def test_the_separation_distance_is_as_the_file_has_it():
     assert own == separation_of("[separation]\nhuman_speed = 2.0\n") < usual
 
 
-def test_the_separation_table_has_all_parameters_of_the_rule():
-    assert SeparationTable.__struct_fields__ == SeparationRule._fields
-    # As the example has it once its comments are taken away.
+def test_the_example_has_the_usual_rule_of_separation_once_its_comments_are_taken_away():
     text = re.sub(
         r"^# (\[(?:separation|clouds)\]|\w+ = [\d.]+ +#)", r"\1", EXAMPLE.read_text(), flags=re.M
     )
-    table = Cell.from_text(text).tables.separation
-    assert SeparationRule(*(getattr(table, key) for key in SeparationRule._fields)) == (
-        SeparationRule()
-    )
+    assert Cell.from_text(text).tables.separation == SeparationRule()
 
 
 def test_a_clock_error_of_the_joints_widens_their_errors():
