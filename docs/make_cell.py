@@ -45,6 +45,7 @@ robot = { name = "panda" }
 TYPES = {
     "Positive": "number above 0",
     "NotNegative": "number from 0 on",
+    "Bound": "number from 0 on",
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",
@@ -188,7 +189,7 @@ def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
     else:
         words = declared.expected.removesuffix(", or None").removeprefix("a ")
         words = words.replace("finite ", "").replace("whole number", "integer")
-        words = re.sub(r'("\w+")', r"`\1`", words)
+        words = re.sub(r"'(\w+)'", r'`"\1"`', words)
     if declared.default is not None:
         return words, _write_value(declared.default), text
     text, default = text.split(" Left out: ")

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio
 
@@ -26,11 +25,15 @@ from armguard.settings.schedule import Schedule
 from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import REMOVED, Settings
 
-ARRAYS = {
+FORMS: Mapping[Any, tuple[str, ...]] = {
     pinocchio.SE3: ("rotation", "translation"),
+    Frame: ("rotation", "translation", "position_error"),
     OperatingLimits: ("velocity", "acceleration"),
+    SeparationRule: SeparationRule.__struct_fields__,
+    DaaSchedule: ("period", "law", "sort"),
+    Source: ("name", "timeout", "required", "on_refusal"),
 }
-"""Arrays that stand for a value of these types."""
+"""Attributes that stand for a value of these types."""
 
 READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
     pinocchio.SE3: lambda data: pinocchio.SE3(
@@ -54,34 +57,7 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
     settings, table = monitor.settings, monitor.obstacles.settings
     return {
         "monitor": {name: _write(getattr(settings, name)) for name in read_declarations(Settings)},
-        "obstacles": {
-            "accel": write_number(table.accel),
-            "speed": write_number(table.speed),
-            "extent": write_number(table.extent),
-            "sources": None
-            if table.sources is None
-            else [
-                {
-                    "name": source.name,
-                    "timeout": source.timeout,
-                    "required": source.required,
-                    "on_refusal": source.on_refusal,
-                }
-                for source in table.sources
-            ],
-            "frames": {
-                name: {
-                    "rotation": write_numbers(frame.rotation),
-                    "translation": write_numbers(frame.translation),
-                    "position_error": frame.position_error,
-                }
-                for name, frame in table.frames.items()
-            },
-            "bounds": [
-                [pattern, write_number(accel), write_number(speed)]
-                for pattern, accel, speed in table.bounds
-            ],
-        },
+        "obstacles": _write(table._asdict()),
         # For people alone: what was chosen stands among the settings above.
         "choice": None if monitor.choice is None else monitor.choice._asdict(),
     }
@@ -167,11 +143,8 @@ def _choose_operating(text: str, robot: Robot) -> dict[str, Any] | None:
         return None
     if text != "published":
         raise ArmguardError("operating", f"is {text!r}", expected='"published" or "none"')
-    limits = OperatingLimits.published(robot)
-    return {
-        "velocity": write_numbers(np.asarray(limits.velocity)),
-        "acceleration": write_numbers(np.asarray(limits.acceleration)),
-    }
+    published: dict[str, Any] = _write(OperatingLimits.published(robot))
+    return published
 
 
 def _read_number(name: str, text: str) -> float:
@@ -186,23 +159,21 @@ def _read_number(name: str, text: str) -> float:
 
 def _write(value: Any) -> Any:
     """A value of a setting as plain data."""
+    if type(value) in FORMS:
+        return {name: _write(getattr(value, name)) for name in FORMS[type(value)]}
+    if type(value) in (FullSchedule, DistanceSchedule):
+        return "full" if type(value) is FullSchedule else "distance"
     match value:
         case None | bool() | int() | str():
             return value
         case float():
             return write_number(value)
-        case pinocchio.SE3() | OperatingLimits():
-            names = ARRAYS[type(value)]
-            numbers = ((name, getattr(value, name)) for name in names)
-            return {name: None if one is None else write_numbers(one) for name, one in numbers}
-        case SeparationRule():
-            return msgspec.structs.asdict(value)
-        case tuple():
-            return [list(entry) for entry in value]
-    if type(value) is DaaSchedule:
-        return {"period": value.period, "law": value.law, "sort": value.sort}
-    if type(value) in (FullSchedule, DistanceSchedule):
-        return "full" if type(value) is FullSchedule else "distance"
+        case np.ndarray():
+            return write_numbers(value)
+        case dict():
+            return {name: _write(one) for name, one in value.items()}
+        case list() | tuple():
+            return [_write(one) for one in value]
     raise ArmguardError(
         "schedule",
         f"is a {type(value).__name__} of the application's own",
@@ -222,7 +193,7 @@ def _read_text(declaration: Declaration, text: str) -> float | str:
     if not declaration.is_number:
         return text
     number = _read_number(declaration.name, text)
-    if not declaration.is_whole:
+    if float in declaration.kinds:
         return number
     if not number.is_integer():
         raise ArmguardError(declaration.name, f"is {text!r}", expected="a whole number")

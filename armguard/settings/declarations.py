@@ -10,13 +10,13 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, Struct, UnsetType
 
 from armguard.exceptions import ArmguardError
 
@@ -26,8 +26,20 @@ NotNegative = Annotated[float, Meta(ge=0.0)]
 PLAIN = (float, int, bool, str)
 """Types of values that files and command lines can state."""
 
-WORDS = {bool: "True or False", NoneType: "None", Iterable: "a list"}
+WORDS = {
+    bool: "true or false", NoneType: "None", str: "text",
+    Iterable: "a list", list: "a list", tuple: "a list", dict: "a table",
+}  # fmt: skip
 """What some types are called in errors."""
+
+
+LIMITS: Mapping[str, tuple[str, Callable[[Any, Any], bool]]] = {
+    "gt": ("above {:g}", operator.gt),
+    "ge": ("from {:g} on", operator.ge),
+    "lt": ("below {:g}", operator.lt),
+    "le": ("up to {:g}", operator.le),
+}
+"""Ends of a range as `Meta` names them: in words, and as a comparison that holds within it."""
 
 
 class Declaration(NamedTuple):
@@ -36,40 +48,27 @@ class Declaration(NamedTuple):
     name: str
     kinds: tuple[Any, ...]
     """Each type that its value can have: plain ones, `Literal`, classes, `NoneType`."""
-    metas: tuple[Meta, ...]
-    """Range, examples, and place in a cell file."""
+    notes: Mapping[str, Any]
+    """What `Meta` says of it: `LIMITS`, examples, `table` and `may_be_infinite`."""
     default: Any
-    """`msgspec.NODEFAULT` where a function makes it."""
 
     @property
     def plain_type(self) -> Any:
         """The type that a file can state, with its range; None where there is no such type."""
-        kinds = [kind for kind in self.kinds if kind in PLAIN or get_origin(kind) is Literal]
-        if not kinds:
-            return None
-        ranges = [meta for meta in self.metas if _list_limits(meta)]
-        kinds[0] = functools.reduce(lambda kind, meta: Annotated[kind, meta], ranges, kinds[0])
-        return functools.reduce(operator.or_, kinds)
+        plain = [kind for kind in self.kinds if kind in PLAIN or get_origin(kind) is Literal]
+        if plain and self.is_number:
+            plain[0] = Annotated[plain[0], Meta(**{end: self.notes[end] for end in self._ends})]
+        return functools.reduce(operator.or_, plain) if plain else None
 
     @property
     def table(self) -> str:
-        """The table of a cell file in which it stands."""
-        return self._find_note("table", "monitor")
+        """The table of a cell file in which it stands; empty where it has a form of its own."""
+        return self.notes.get("table", "monitor")
 
     @property
-    def may_be_infinite(self) -> bool:
-        """Whether its number can be infinite."""
-        return self._find_note("may_be_infinite", False)
-
-    @property
-    def examples(self) -> tuple[Any, ...]:
+    def examples(self) -> Sequence[Any]:
         """Values that a trial tries."""
-        return next((tuple(meta.examples) for meta in self.metas if meta.examples), ())
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether its numbers are whole."""
-        return int in self.kinds
+        return self.notes.get("examples", ())
 
     @property
     def is_number(self) -> bool:
@@ -79,7 +78,8 @@ class Declaration(NamedTuple):
     @property
     def expected(self) -> str:
         """What its value must be, in words."""
-        return ", or ".join(self._describe(kind) for kind in self.kinds)
+        kinds = [self._describe(kind) for kind in self.kinds if kind is not UnsetType]
+        return ", or ".join(kinds)
 
     def check(self, value: object) -> object:
         """The value as the record holds it.
@@ -93,62 +93,45 @@ class Declaration(NamedTuple):
                 return read
         raise ArmguardError(self.name, f"is {value!r}", expected=self.expected)
 
-    def _find_note(self, name: str, default: Any) -> Any:
-        notes = [meta.extra for meta in self.metas if meta.extra]
-        return next((note[name] for note in notes if name in note), default)
+    @property
+    def _ends(self) -> list[str]:
+        return [end for end in LIMITS if end in self.notes]
 
     def _read(self, kind: Any, value: Any) -> tuple[bool, object]:
         """Whether a value is of this kind and within range, and the value as it is kept."""
-        if kind is float:
+        if kind in (float, int):
             number = read_number(value)
-            is_usable = math.isfinite(number) or (self.may_be_infinite and not math.isnan(number))
-            return is_usable and self._is_within(number), number
-        if kind is int:
-            is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-            return is_whole and self._is_within(value), int(value) if is_whole else value
+            fits = math.isfinite(number) or ("may_be_infinite" in self.notes and number == math.inf)
+            fits = fits and all(LIMITS[end][1](number, self.notes[end]) for end in self._ends)
+            if kind is float:
+                return fits, number
+            is_whole = isinstance(value, int | np.integer)
+            return fits and is_whole, int(value) if fits and is_whole else value
         if kind is bool:
             return isinstance(value, bool | np.bool_), bool(value)
         if get_origin(kind) is Literal:
             return isinstance(value, str) and value in get_args(kind), value
         return isinstance(value, get_origin(kind) or kind), value
 
-    def _is_within(self, number: float) -> bool:
-        return all(
-            compare(number, limit)
-            for meta in self.metas
-            for _, compare, limit in _list_limits(meta)
-        )
-
     def _describe(self, kind: Any) -> str:
         if kind in (float, int):
-            ends = [end for meta in self.metas for end in _list_limits(meta)]
-            limits = [words.format(limit) for words, _, limit in ends]
             number = "a whole number" if kind is int else "a finite number"
-            number = "a number" if self.may_be_infinite else number
+            number = "a number" if "may_be_infinite" in self.notes else number
+            limits = [LIMITS[end][0].format(self.notes[end]) for end in self._ends]
             return f"{number} {' and '.join(limits)}".strip()
         if get_origin(kind) is Literal:
-            words = get_args(kind)
-            return f"one of {', '.join(words)}" if len(words) > 1 else f'"{words[0]}"'
+            words = [repr(word) for word in get_args(kind)]
+            return f"one of {', '.join(words)}" if len(words) > 1 else words[0]
         kind = get_origin(kind) or kind
-        if kind in WORDS:
-            return WORDS[kind]
+        if issubclass(kind, Struct):
+            return "a table"
         package = kind.__module__.partition(".")[0]
-        return f"{'an' if package[0] in 'aeiou' else 'a'} {package}.{kind.__name__}"
-
-
-def _list_limits(meta: Meta) -> list[tuple[str, Any, float]]:
-    """The ends of a range: in words, as a comparison that holds within it, and the number."""
-    ends = (
-        ("above {:g}", operator.gt, meta.gt),
-        ("from {:g} on", operator.ge, meta.ge),
-        ("below {:g}", operator.lt, meta.lt),
-        ("up to {:g}", operator.le, meta.le),
-    )
-    return [(words, compare, limit) for words, compare, limit in ends if limit is not None]
+        article = "an" if package[0] in "aeiou" else "a"
+        return WORDS.get(kind, f"{article} {package}.{kind.__name__}")
 
 
 @functools.cache
-def read_declarations(record: type[msgspec.Struct]) -> Mapping[str, Declaration]:
+def read_declarations(record: type[Struct]) -> Mapping[str, Declaration]:
     """What a record declares of each of its fields, by name."""
     return {
         field.name: Declaration(field.name, *_split(field.type), field.default)
@@ -156,16 +139,24 @@ def read_declarations(record: type[msgspec.Struct]) -> Mapping[str, Declaration]
     }
 
 
-def _split(declared: Any) -> tuple[tuple[Any, ...], tuple[Meta, ...]]:
+def _split(declared: Any) -> tuple[tuple[Any, ...], dict[str, Any]]:
     """The kinds within a type, and what is annotated to any of them."""
+    kinds: tuple[Any, ...] = ()
+    notes: dict[str, Any] = {}
+    parts = get_args(declared)
     if get_origin(declared) is Annotated:
-        inner, *notes = get_args(declared)
-        kinds, metas = _split(inner)
-        return kinds, (*metas, *(note for note in notes if isinstance(note, Meta)))
-    if get_origin(declared) in (Union, UnionType):
-        parts = [_split(one) for one in get_args(declared)]
-        return sum((kinds for kinds, _ in parts), ()), sum((metas for _, metas in parts), ())
-    return (declared,), ()
+        kinds, notes = _split(parts[0])
+        for meta in parts[1:]:
+            stated = {name: getattr(meta, name) for name in (*LIMITS, "examples")}
+            notes |= {name: one for name, one in stated.items() if one is not None}
+            notes |= meta.extra or {}
+        return kinds, notes
+    if get_origin(declared) not in (Union, UnionType):
+        return (declared,), {}
+    for part in parts:
+        more, beside = _split(part)
+        kinds, notes = kinds + more, notes | beside
+    return kinds, notes
 
 
 def read_number(value: object) -> float:
@@ -179,7 +170,7 @@ def read_number(value: object) -> float:
         return math.nan
 
 
-def check_fields(record: msgspec.Struct) -> None:
+def check_fields(record: Struct) -> None:
     """Check every field of a record by its declaration, and keep its value as declared.
 
     Raises:

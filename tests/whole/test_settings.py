@@ -40,7 +40,7 @@ assert monitor.settings.caution == 2.5
 try:
     Cell.from_text(text + "4.0")
 except armguard.ArmguardError as error:
-    assert str(error) == "cell: thresholds.caution: is 4.0; expected float <= 3.0"
+    assert str(error).startswith("cell: thresholds.caution: is 4.0; expected a finite number")
 else:
     raise AssertionError
 described = describe_settings(monitor)

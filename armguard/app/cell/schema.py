@@ -13,7 +13,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -27,6 +27,7 @@ from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
 
+Bound = Annotated[NotNegative, Meta(extra={"may_be_infinite": True})]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -271,9 +272,9 @@ class ArmTable(_Table, frozen=True, kw_only=True):
 class PatternTable(_Table, frozen=True, kw_only=True):
     """What the ids of one pattern can do, in `[bounds.of]`."""
 
-    accel: NotNegative
+    accel: Bound
     """Bound on the acceleration, in [m/s²]; may be inf."""
-    speed: NotNegative
+    speed: Bound
     """Bound on the speed, in [m/s]; may be inf."""
 
 
@@ -284,10 +285,10 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     first pattern that fits counts.
     """
 
-    accel: NotNegative | UnsetType = UNSET
+    accel: Bound | UnsetType = UNSET
     """Bound on the acceleration of an obstacle that says nothing else, in [m/s²]: at most 1000, or
     inf."""
-    speed: NotNegative | UnsetType = UNSET
+    speed: Bound | UnsetType = UNSET
     """Bound on its speed, in [m/s]: at most 100, or inf."""
     extent: Positive | UnsetType = UNSET
     """How far from the origin of the world coordinates may be, in [m]."""
@@ -534,10 +535,10 @@ def _translate(
     field = re.search(r"(?:unknown|missing required) field `(.*)`", text)
     if field is None:
         expected = text.removeprefix("Expected ").partition(", got ")[0]
-        if text.startswith("Invalid enum value"):
-            expected = _choices(kind, steps)
-        elif " | " in expected and not isinstance(value, Mapping):
-            expected = _choices(kind, steps) if steps else expected
+        is_plain = re.search(r"Invalid enum|`(float|int)`| \| ", text) is not None
+        if is_plain and steps and not isinstance(value, Mapping):
+            declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
+            expected = expected if declared is None else declared.expected.removesuffix(", or None")
         return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
@@ -562,35 +563,3 @@ def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
                     if isinstance(one, type) and issubclass(one, msgspec.Struct):
                         kind = one
     return kind
-
-
-_PLAIN_WORDS: dict[Any, str] = {
-    float: "a number",
-    int: "a whole number",
-    str: "text",
-    bool: "true or false",
-}
-"""What types are called in errors."""
-
-
-def _choices(kind: type, steps: list[tuple[str, str]]) -> str:
-    """What may stand at a place, in words."""
-    table = _table_at(kind, steps[:-1])
-    for field in msgspec.structs.fields(table):
-        if steps and field.name == steps[-1][0]:
-            words: list[str] = []
-            for one in get_args(field.type) or (field.type,):
-                one = getattr(one, "__origin__", one) if hasattr(one, "__metadata__") else one
-                if get_origin(one) is list:
-                    words.append("a list")
-                elif get_origin(one) is Literal:
-                    words += [repr(choice) for choice in get_args(one)]
-                elif isinstance(one, type) and issubclass(one, msgspec.Struct):
-                    words.append("a table")
-                elif one in _PLAIN_WORDS:
-                    words.append(_PLAIN_WORDS[one])
-                elif not isinstance(one, type) and one is not UnsetType:
-                    words.append(repr(one))
-            if words:
-                return words[0] if len(words) == 1 else f"one of {', '.join(words)}"
-    return "another value"
