@@ -82,18 +82,13 @@ RENAMED = {
 """Arguments whose keys have other names."""
 
 WORDS = {
-    "RobotTable.joints": "all that have limits",
-    "RobotTable.cover": "the robot's own; fitted at each start to a URDF",
-    "RobotTable.level": "the finest",
-    "RobotTable.payload": "the heaviest that its brakes are stated for",
-    "RobotTable.operating": "the hardware's limits",
+    "_AnyArmTable.joints": "all that have limits",
+    "_AnyArmTable.cover": "the robot's own; fitted at each start to a URDF",
+    "_AnyArmTable.level": "the finest",
+    "_AnyArmTable.payload": "the heaviest that its brakes are stated for",
+    "_AnyArmTable.operating": "the hardware's limits",
     "CellTables.robot": "needed, unless there are `robots`",
     "CellTables.clouds": "none are taken",
-    "ArmTable.joints": "all that have limits",
-    "ArmTable.cover": "as in `[robot]`",
-    "ArmTable.level": "the finest",
-    "ArmTable.payload": "as in `[robot]`",
-    "ArmTable.operating": "the hardware's limits",
     "OperatingTable.velocity": "the hardware's",
     "OperatingTable.acceleration": "the hardware's",
     "SourceTable.timeout": "`thresholds.source_timeout`",

@@ -107,8 +107,6 @@ class Declaration(NamedTuple):
                 return fits, number
             is_whole = isinstance(value, int | np.integer)
             return fits and is_whole, int(value) if fits and is_whole else value
-        if kind is bool:
-            return isinstance(value, bool | np.bool_), bool(value)
         if get_origin(kind) is Literal:
             return isinstance(value, str) and value in get_args(kind), value
         return isinstance(value, get_origin(kind) or kind), value
@@ -125,9 +123,7 @@ class Declaration(NamedTuple):
         kind = get_origin(kind) or kind
         if issubclass(kind, Struct):
             return "a table"
-        package = kind.__module__.partition(".")[0]
-        article = "an" if package[0] in "aeiou" else "a"
-        return WORDS.get(kind, f"{article} {package}.{kind.__name__}")
+        return WORDS.get(kind, kind.__name__)
 
 
 @functools.cache

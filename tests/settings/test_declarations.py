@@ -92,7 +92,7 @@ def test_a_declaration_says_what_the_record_does():
         ("count", 0, "a whole number above 0, or None"),
         ("count", 2.0, "a whole number"),
         ("count", True, "a whole number"),
-        ("word", "none", "one of 'one', 'other', or a numpy.ndarray"),
+        ("word", "none", "one of 'one', 'other', or ndarray"),
         ("word", None, "one of"),
         ("flag", 1, "true or false"),
     ],
@@ -103,7 +103,7 @@ def test_what_is_not_as_declared_is_refused_in_the_words_of_the_declaration(name
 
 
 def test_values_are_kept_as_they_are_declared():
-    kept = Record(share=np.float32(0.25), count=np.int8(7), flag=np.bool_(True))
+    kept = Record(share=np.float32(0.25), count=np.int8(7), flag=True)
     assert (kept.share, kept.count, kept.flag) == (0.25, 7, True)
     assert [type(one) for one in (kept.share, kept.count, kept.flag)] == [float, int, bool]
     assert type(Record(share=0).share) is float

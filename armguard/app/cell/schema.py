@@ -76,11 +76,9 @@ class OperatingTable(_Table, frozen=True, kw_only=True):
     hard as the hardware can."""
 
 
-class RobotTable(_Table, frozen=True, kw_only=True):
-    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
+class _AnyArmTable(_Table, frozen=True, kw_only=True):
+    """What `[robot]` and `[[robots]]` say alike."""
 
-    name: Name | None = None
-    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
     urdf: Name | None = None
     """Path of the URDF of any other robot: its geometry and joints."""
     limits: Name | None = None
@@ -89,7 +87,8 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     package_dirs: list[Name] = []
     """Folders in which `package://` names of meshes are looked up. Beside `urdf` alone."""
     joints: list[Name] | None = None
-    """The joints to be watched. Beside `urdf` alone."""
+    """The joints to be watched: of one arm beside `urdf` alone, of several those that are this
+    arm's, by name or by pattern, such as `["left_*"]`."""
     cover: Name | None = None
     """Path of a cover.json, as `armguard cover` writes it."""
     level: Annotated[int, Meta(ge=0)] | None = None
@@ -101,6 +100,13 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
+
+
+class RobotTable(_AnyArmTable, frozen=True, kw_only=True):
+    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
+
+    name: Name | None = None
+    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
 
 
 class StampTable(_Table, frozen=True, kw_only=True):
@@ -229,35 +235,17 @@ class ToolTable(_Table, frozen=True, kw_only=True):
     """By which the lengths of the mesh are multiplied: 0.001 for millimetres."""
 
 
-class ArmTable(_Table, frozen=True, kw_only=True):
+class ArmTable(_AnyArmTable, frozen=True, kw_only=True):
     """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
 
     name: Name
     """What the cell calls it, and what its joint states carry as `arm`; no other has it."""
     robot: Name | None = None
     """As `name` of `[robot]`. Either this or `urdf`."""
-    urdf: Name | None = None
-    """As in `[robot]`."""
-    limits: Name | None = None
-    """As in `[robot]`."""
-    package_dirs: list[Name] = []
-    """As in `[robot]`."""
-    joints: list[Name] | None = None
-    """The joints that are this arm's, by name or by pattern, such as `["left_*"]`."""
-    cover: Name | None = None
-    """As in `[robot]`."""
-    level: Annotated[int, Meta(ge=0)] | None = None
-    """As in `[robot]`."""
-    base: BaseTable = BaseTable()
-    """Where it stands."""
     calibration_error: NotNegative = 0.0
     """How far any of its points may be off because of where and how its base stands, in [m]; it
     counts where one arm is another's obstacle. A base that is turned by an angle moves the hand by
     that angle times the reach."""
-    payload: NotNegative | UnsetType = UNSET
-    """As in `[robot]`."""
-    operating: OperatingTable | Literal["published"] | UnsetType = UNSET
-    """As in `[robot]`."""
     tool: ToolTable | None = None
     """What is fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
@@ -265,7 +253,7 @@ class ArmTable(_Table, frozen=True, kw_only=True):
 
     def as_robot(self) -> RobotTable:
         """The same as `[robot]` of a cell in which there is no other arm."""
-        shared = {key: getattr(self, key) for key in RobotTable.__struct_fields__ if key != "name"}
+        shared = {key: getattr(self, key) for key in _AnyArmTable.__struct_fields__}
         return RobotTable(name=self.robot, **shared)
 
 

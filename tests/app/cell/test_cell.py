@@ -447,7 +447,11 @@ def test_a_cell_says_what_the_arm_carries():
     assert monitor.payload == 0.25
     _, _, monitor = Cell.from_text(ROBOT).build()
     assert monitor.payload == 1.0
-    for payload, pattern in (("1.5", "kilograms from 0 to 1"), ("-1.0", "from 0 on"), ("nan", "nan")):
+    for payload, pattern in (
+        ("1.5", "kilograms from 0 to 1"),
+        ("-1.0", "from 0 on"),
+        ("nan", "nan"),
+    ):
         with pytest.raises(CellError, match=rf"robot\.payload.*{pattern}"):
             Cell.from_text(f"{ROBOT}payload = {payload}\n").build()
 
