@@ -1,7 +1,6 @@
 """A setting is written once, in `armguard.Settings`: all else reads its declaration."""
 
 import ast
-import importlib.util
 import os
 import subprocess
 import sys
@@ -9,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-import armguard
 from armguard.settings import Settings, settings
 
 ROOT = Path(__file__).parents[2]
@@ -126,11 +124,3 @@ def test_few_modules_beside_the_record_know_a_setting(name):
 def test_a_name_that_nothing_else_has_stands_in_four_files():
     found = [path for path in PACKAGE.rglob("*.py") if "max_staleness" in path.read_text("utf-8")]
     assert len(found) <= 4, found
-
-
-def test_the_page_of_cell_files_is_as_its_script_writes_it():
-    spec = importlib.util.spec_from_file_location("make_cell", ROOT / "docs" / "make_cell.py")
-    make_cell = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make_cell)
-    assert make_cell.PAGE.read_text(encoding="utf-8") == make_cell.write_page()
-    assert armguard.Settings is Settings
