@@ -30,9 +30,10 @@ from armguard.obstacles.faults import Fault
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.settings.separation_rule import SeparationRule
+from armguard.settings.settings import Settings
 from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ __all__ = [
     "Recorder",
     "Robot",
     "SeparationRule",
+    "Settings",
     "Snapshot",
     "Source",
     "TrialTick",

@@ -41,14 +41,14 @@ import time
 import numpy as np
 
 from armguard.obstacles import Obstacles
-from armguard.pairs.arm import ArmOptions, WatchedArm
+from armguard.pairs.arm import WatchedArm
 from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import Robot
 from armguard.scheduling import DaaSchedule, FullSchedule
 from armguard.scheduling.paper.partition import make_partition
 from armguard.scheduling.scheduler import Tick
-from scene.crowds import RATE, REACTION_TIME, Work, publish
-from scene.lookouts import AWARE_MARGIN, MAX_STALENESS, Deadline, Full, PairSchedule, Walkers
+from scene.crowds import RATE, Work, publish
+from scene.lookouts import SETTINGS, Deadline, Full, PairSchedule, Walkers
 from scene.machine import describe_machine
 
 LADDER = (60, 600, 6_000, 60_000)  # pairs
@@ -144,8 +144,7 @@ class Trial:
         ignored = IgnoredPairs((), work.robot)
 
         def make_arm(robot: Robot) -> WatchedArm:
-            options = ArmOptions(reaction_time=REACTION_TIME)
-            return WatchedArm(robot, obstacles, ignored, options)
+            return WatchedArm(robot, obstacles, ignored, SETTINGS)
 
         self._arm = arm = make_arm(work.robot)
         pairs = count * len(arm.links)
@@ -188,7 +187,7 @@ class Trial:
         names, position, velocity = self._walkers.measure(number)
         if names:
             publish(self._obstacles, names, now, position, velocity)
-        refinement_threshold = (stop_time + AWARE_MARGIN) / (1.0 - MAX_STALENESS)
+        refinement_threshold = (stop_time + SETTINGS.aware_margin) / SETTINGS.fresh_share
         self._arm.kinematics.place(q)
         state.begin(now, 0.0, refinement_threshold)
         state.prepare_arm(q, v)

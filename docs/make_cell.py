@@ -1,7 +1,8 @@
 """The reference of cell files: `python docs/make_cell.py` writes docs/cell.md.
 
 Tables are made of the classes in armguard/app/cell/schema.py: what a key is called, its type, and
-the text that stands below it. Defaults that the schema leaves to the classes which a table
+the text that stands below it. Settings of the monitor come from their record in
+armguard/settings/settings.py. Defaults that the schema leaves to the other classes which a table
 configures are read from their signatures.
 """
 
@@ -12,21 +13,23 @@ import inspect
 import itertools
 import re
 from pathlib import Path
-from typing import Any, get_args
+from types import ModuleType
+from typing import Any, Literal, get_args, get_origin
 
 import msgspec
 
 from armguard.app.cell import schema
-from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.pairs import CloudFilter, SeparationRule
+from armguard.pairs import CloudFilter
+from armguard.settings import separation_rule, settings
+from armguard.settings.declarations import Declaration, read_declarations
 from armguard.streams import SourceLimits
 
 PAGE = Path(__file__).resolve().parent / "cell.md"
 
 HEAD = """# Cell file
 
-<!-- written by docs/make_cell.py from armguard/app/cell/schema.py: change it there -->
+<!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings/settings.py: change it there -->
 
 What a `cell.toml` may say. `armguard run`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
 
@@ -43,9 +46,8 @@ robot = { name = "panda" }
 TYPES = {
     "Positive": "number above 0",
     "NotNegative": "number from 0 on",
-    "NotNegative | Literal['own']": '`"own"`, or a number from 0 on',
+    "Bound": "number from 0 on",
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
-    "Annotated[float, Meta(ge=0.0, lt=1.0)]": "number from 0 to below 1",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",
     "Annotated[int, Meta(gt=0, le=BYTE_LIMIT)]": "integer above 0",
@@ -69,10 +71,7 @@ TYPES = {
 CONFIGURED = {
     "CloudsTable": (CloudFilter,),
     "SourceTable": (SourceLimits,),
-    "BoundsTable": (Obstacles, Monitor),
-    "MonitorTable": (Monitor,),
-    "ThresholdsTable": (Monitor,),
-    "SeparationTable": (SeparationRule,),
+    "BoundsTable": (Obstacles,),
 }
 """The classes whose arguments a table gives, which have the defaults."""
 
@@ -85,33 +84,26 @@ RENAMED = {
 """Arguments whose keys have other names."""
 
 WORDS = {
-    "RobotTable.joints": "all that have limits",
-    "RobotTable.cover": "the robot's own; fitted at each start to a URDF",
-    "RobotTable.level": "the finest",
-    "RobotTable.payload": "the heaviest that its brakes are stated for",
-    "RobotTable.operating": "the hardware's limits",
+    "_AnyArmTable.joints": "all that have limits",
+    "_AnyArmTable.cover": "the robot's own; fitted at each start to a URDF",
+    "_AnyArmTable.level": "the finest",
+    "_AnyArmTable.payload": "the heaviest that its brakes are stated for",
+    "_AnyArmTable.operating": "the hardware's limits",
     "CellTables.robot": "needed, unless there are `robots`",
     "CellTables.clouds": "none are taken",
-    "ArmTable.joints": "all that have limits",
-    "ArmTable.cover": "as in `[robot]`",
-    "ArmTable.level": "the finest",
-    "ArmTable.payload": "as in `[robot]`",
-    "ArmTable.operating": "the hardware's limits",
     "OperatingTable.velocity": "the hardware's",
     "OperatingTable.acceleration": "the hardware's",
     "SourceTable.timeout": "`thresholds.source_timeout`",
     "EntranceTable.speed": "as `[bounds]` has it",
     "EntranceTable.accel": "as `[bounds]` has it",
-    "MonitorTable.budget": "no limit",
-    "ThresholdsTable.joint_timeout": "0.1, or 5 ticks where that is longer",
     "CellTables.settings_from": "a simulated visit to the arm",
 }
 """Defaults that are no values."""
 
 
-def read_texts() -> dict[str, dict[str, tuple[str, str | None, str]]]:
-    """By class and field: type, default and text, as the schema's source has them."""
-    tree = ast.parse(Path(schema.__file__).read_text(encoding="utf-8"))
+def read_texts(module: ModuleType) -> dict[str, dict[str, tuple[str, str | None, str]]]:
+    """By class and field: type, default and text, as a module's source has them."""
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
     classes: dict[str, dict[str, tuple[str, str | None, str]]] = {}
     for node in (one for one in tree.body if isinstance(one, ast.ClassDef)):
         fields = classes[node.name] = {}
@@ -127,7 +119,9 @@ def read_texts() -> dict[str, dict[str, tuple[str, str | None, str]]]:
     return classes
 
 
-TEXTS = read_texts()
+TEXTS = {**read_texts(schema), **read_texts(settings), **read_texts(separation_rule)}
+RECORDS = (settings.Settings, separation_rule.SeparationRule)
+"""What declares keys that the schema does not have."""
 
 
 def list_tables() -> list[type]:
@@ -143,10 +137,10 @@ def list_tables() -> list[type]:
             while todo:
                 kind = todo.pop(0)
                 todo += get_args(kind)
-                if isinstance(kind, type) and issubclass(kind, schema.CellTables.__base__):
+                if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
                     visit(kind)
 
-    visit(schema.CellTables)
+    visit(schema.complete_tables())
     return [one for one in found if one is not schema.RoundTable]
 
 
@@ -157,7 +151,7 @@ def name_type(annotation: str) -> str:
         return " or ".join(f'`"{choice}"`' for choice in re.findall(r"'(\w+)'", kind))
     if kind in TYPES:
         return TYPES[kind]
-    if re.fullmatch(r"\w+Table", kind):
+    if re.fullmatch(r"\w+Table|SeparationRule", kind):
         return "table"
     if re.fullmatch(r"(dict\[Name, |list\[)\w+Table\]", kind):
         return "tables"
@@ -184,6 +178,21 @@ def name_default(owner: str, key: str, default: str | None) -> str:
     return _write_value(ast.literal_eval(default) if named is None else named)
 
 
+def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
+    """Type, default and text of a setting of the monitor."""
+    kind = declared.plain_type
+    if get_origin(kind) is Literal:
+        words = " or ".join(f'`"{choice}"`' for choice in get_args(kind))
+    else:
+        words = declared.expected.removesuffix(", or None").removeprefix("a ")
+        words = words.replace("finite ", "").replace("whole number", "integer")
+        words = re.sub(r"'(\w+)'", r'`"\1"`', words)
+    if declared.default is not None:
+        return words, _write_value(declared.default), text
+    text, default = text.split(" Left out: ")
+    return words, default.removesuffix("."), text
+
+
 def _write_value(value: object) -> str:
     """A value as the page has it."""
     if isinstance(value, tuple):
@@ -198,21 +207,28 @@ def write_table(table: type) -> str:
     text = " ".join((table.__doc__ or "").split("\n\n")[0].split())
     found = re.fullmatch(r"`(\[.*?\])`: (.*)", text)
     heading, words = ("Keys at the top", text) if found is None else found.groups()
-    if table is schema.CellTables:
+    if issubclass(table, schema.CellTables):
         words = "Before any table."
     elif table is schema.PatternTable:
         heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
+    elif table is separation_rule.SeparationRule:
+        heading = "[separation]"
     elif table is schema.IgnoreTable:
         heading = "ignore = [{ … }]"
     words = words[0].upper() + words[1:]
     heading = heading if heading == "Keys at the top" else f"`{heading}`"
     rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
-    for owner in (base.__name__ for base in reversed(table.__mro__)):
+    listed = {}
+    for owner in (one.__name__ for one in reversed(table.__mro__) if one not in RECORDS):
         for key, (annotation, default, text) in TEXTS.get(owner, {}).items():
-            unit, meaning = split_unit(text)
-            stands = name_default(owner, key, default)
-            row = " | ".join((f"`{key}`", name_type(annotation), unit, stands, meaning))
-            rows.append(f"| {row} |")
+            listed[key] = name_type(annotation), name_default(owner, key, default), text
+    for record in RECORDS:
+        for key, declared in read_declarations(record).items():
+            if key in table.__struct_fields__ and key not in listed:
+                listed[key] = write_setting(declared, TEXTS[record.__name__][key][-1])
+    for key, (kind, default, text) in listed.items():
+        unit, meaning = split_unit(text)
+        rows.append(f"| `{key}` | {kind} | {unit} | {default} | {meaning} |")
     return f"## {heading}\n\n{words}\n\n" + "\n".join(rows) + "\n"
 
 

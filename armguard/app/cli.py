@@ -34,6 +34,7 @@ from armguard.app.processes import (
     termination_as_interrupt,
 )
 from armguard.exceptions import ArmguardError
+from armguard.settings.schedule import ScheduleName
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 MISTAKE = 2
@@ -74,7 +75,7 @@ class Demo:
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
     """How many balls wander about the cell besides."""
-    schedule: Literal["deadline", "full", "distance", "daa"] = "deadline"
+    schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0
     """Of the arm's, the person's and the balls' motions."""
@@ -523,8 +524,7 @@ class Tradeoff:
     out: Path = Path("tradeoff")
     """The folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these: operating, cover, motion, schedule, max_staleness, rate, budget,
-    auto."""
+    """Only these axes, such as cover, motion, schedule, rate or auto; an unknown one names all."""
     seconds: float = 20.0
     """Of the scene."""
     seed: int = 0

@@ -20,9 +20,10 @@ from armguard.jit.carried import CARRIED, PROCESSOR, describe_environment
 from armguard.jit.progress import compilation
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.robot import Robot
-from armguard.scheduling.schedule import DEADLINE, SCHEDULES
+from armguard.scheduling.schedule import SCHEDULES
+from armguard.settings.schedule import DEADLINE
+from armguard.settings.separation_rule import SeparationRule
 
 MONITORS: tuple[dict[str, Any], ...] = (
     *({"schedule": schedule} for schedule in (DEADLINE, *SCHEDULES)),

@@ -23,13 +23,7 @@ import armguard
 from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
-from armguard.app.realtime import (
-    IdleCollector,
-    Realtime,
-    release_compiler,
-    request_realtime,
-)
-from armguard.bounds.arm import PLANNED
+from armguard.app.realtime import IdleCollector, Realtime, release_compiler, request_realtime
 from armguard.clock import Clock, MonotonicClock
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -370,7 +364,7 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
         return refuse_plan("message", request.problem)
     if not is_newest:
         return refuse_plan("plan", "was overtaken by a newer one in the same tick")
-    if monitor.settings.motion != PLANNED:
+    if not monitor.settings.with_plans:
         return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
     return monitor.commit(_make_plan(request))
 
@@ -479,7 +473,7 @@ def run(
             },
             # What this clock is off by is in the robot's joint errors already.
             joint_clock=StampClock(joint_state.clock, joint_state.latency, joint_state.clock_error),
-            joint_timeout=monitor.settings.joint_timeout,
+            joint_timeout=monitor.settings.longest_joint_step,
             reset_token=options.reset_token,
             limits=cell.source_limits,
             own_points=cell.make_own_points(robot),

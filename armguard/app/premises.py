@@ -9,7 +9,12 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 
+import msgspec
+import numpy as np
+
+from armguard.bounds.braking import BrakingMotion
 from armguard.monitor.monitor import Monitor
+from armguard.robot.operating_limits import PUBLISHED
 
 
 class Premise(enum.Enum):
@@ -126,10 +131,37 @@ def _find_figures(monitor: Monitor) -> dict[Premise, str]:
     names = [obstacles.ids[row] for row in obstacles.entrance_rows.tolist()]
     return {
         Premise.PAYLOAD: f"{monitor.payload:g} kg",
-        Premise.OPERATING: "none are stated" if settings.operating is None else "stated",
+        Premise.OPERATING: "stated" if settings.has_operating else "none are stated",
         Premise.OBEDIENCE: f"within {1e3 * settings.reaction_time:g} ms; "
         f"a verdict is valid for {1e3 * settings.response_time:g} ms",
         Premise.OBSTACLES: f"{table.accel:g} m/s² and {table.speed:g} m/s, unless told otherwise",
         Premise.FIRST_SIGHT: f"entrances: {', '.join(names) if names else 'none'}",
         Premise.CLOCKS: f"latency of verdicts: {1e3 * settings.latency:g} ms",
     }
+
+
+def describe_missing_limits(monitor: Monitor) -> str | None:
+    """What it costs to state no operating limits; None where some are stated, or none published.
+
+    Args:
+        monitor: Of the run.
+    """
+    robot, settings = monitor.robot, monitor.settings
+    if settings.has_operating or robot.published_operating_limits is None:
+        return None
+    still = np.zeros(len(robot.joints))
+    q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
+    without, published = (
+        BrakingMotion(
+            robot,
+            settings.reaction_time,
+            operating=msgspec.structs.replace(settings, operating=operating).put_in_force(robot),
+        ).stop_time(q, still, 0.0, settings.response_time)
+        for operating in (None, PUBLISHED)
+    )
+    return (
+        f"no operating limits are stated, so {robot.name} may do all that its hardware can until "
+        f"its brakes bite: at rest it counts on {1e3 * without:.0f} ms to stand, with the "
+        f'published ones on {1e3 * published:.0f} ms (operating = "published" in [robot], if its '
+        "controller keeps to them)"
+    )

@@ -13,22 +13,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
-import numpy as np
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
 from armguard.app.loop import RateLoop, RunOptions, run
-from armguard.app.premises import list_premises, summarise_premises
+from armguard.app.premises import describe_missing_limits, list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
 from armguard.app.summary import VerdictCounts, draw_summary, summarise
 from armguard.app.terminal import make_console, print_json
-from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError
 from armguard.jit import Progress, Work, telling
 from armguard.jit.progress import PATIENCE
 from armguard.monitor.monitor import Monitor
-from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.streams.addresses import (
     JOINTS_ADDRESS,
     VERDICTS_ADDRESS,
@@ -178,33 +175,6 @@ def supervise(
     else:
         make_console().print(draw_summary(summary))
     return 0
-
-
-def describe_missing_limits(monitor: Monitor) -> str | None:
-    """What it costs to state no operating limits; None where some are stated, or none published.
-
-    Args:
-        monitor: Of the run.
-    """
-    robot, settings = monitor.robot, monitor.settings
-    if settings.operating is not None or robot.published_operating_limits is None:
-        return None
-    still = np.zeros(len(robot.joints))
-    q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
-    without, published = (
-        BrakingMotion(
-            robot,
-            settings.reaction_time,
-            operating=LimitsInForce(robot, operating, settings.payload),
-        ).stop_time(q, still, 0.0, settings.response_time)
-        for operating in (None, OperatingLimits.published(robot))
-    )
-    return (
-        f"no operating limits are stated, so {robot.name} may do all that its hardware can until "
-        f"its brakes bite: at rest it counts on {1e3 * without:.0f} ms to stand, with the "
-        f'published ones on {1e3 * published:.0f} ms (operating = "published" in [robot], if its '
-        "controller keeps to them)"
-    )
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:

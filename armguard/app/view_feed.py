@@ -22,7 +22,6 @@ from armguard.app.reachable import find_reachable
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import Snapshot
 from armguard.obstacles.table import MOST_REFUSED
-from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.portable import describe_robot
 from armguard.robot.robot import Robot
 from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict
@@ -286,7 +285,7 @@ class MonitorFeed:
         settings = self._monitor.settings
         is_heard = verdict.sequence > 0 and math.isfinite(verdict.stamp)
         robot_age = now - verdict.stamp if is_heard else None
-        heard = [("robot", self._states, robot_age, settings.joint_timeout)]
+        heard = [("robot", self._states, robot_age, settings.longest_joint_step)]
         for name, messages, newest, timeout in self._monitor.obstacles.heard_sources:
             age = now - newest if math.isfinite(newest) else None
             heard.append((name, messages, age, timeout or settings.source_timeout))
@@ -328,7 +327,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         origin: What the view cannot know from it.
     """
     robot, settings = monitor.robot, monitor.settings
-    limits = LimitsInForce(robot, settings.operating, monitor.payload)
+    limits = settings.put_in_force(robot)
     sensors = tuple(
         (name, tuple(_place(frame.rotation, frame.translation).ravel().tolist()))
         for name, frame in monitor.obstacles.settings.frames.items()

@@ -21,12 +21,6 @@ from armguard.robot.robot import Robot
 if TYPE_CHECKING:
     from armguard.bounds.planned.motion import PlannedMotion
 
-PLANNED = "planned"
-"""Bounds by joints, and a controller that tells what it is about to do."""
-
-MOTIONS = ("joint", "isotropic", PLANNED)
-"""Names of what a monitor may bound the arm's motion by; each includes what the arm can reach."""
-
 
 class ArmMotion:
     """Reach, isotropic, joint and braking bounds of one arm.

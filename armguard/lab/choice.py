@@ -26,15 +26,17 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.lab.recorded_trial import read_trial
-from armguard.lab.tradeoff.contestant import RATE
 from armguard.lab.tradeoff.scene import Site
 from armguard.lab.trial import list_ticks, make_visit
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.settings import read_settings
 from armguard.monitor.trial import Choice, TrialTick
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.scene import REACH
 from armguard.robot.robot import Robot
-from armguard.scheduling.schedule import DEADLINE
+from armguard.settings.declarations import read_declarations
+from armguard.settings.schedule import DEADLINE
+from armguard.settings.settings import CHOSEN, Settings
 from armguard.verdict import Level
 
 SAME_LEVEL = 0.99
@@ -49,20 +51,18 @@ AS_NEAR = 0.002
 AS_CHEAP = 1.02
 """Prices that differ by no more than this factor count as the same."""
 
-STALENESS = (0.0, 0.02, 0.05, 0.1, 0.25, 0.5)
-MOTIONS = ("joint", "isotropic")
-
 ROOM, LEAST_BUDGET = 4, 5000
 """A budget is so many times what the dearest tick of the trial took, and no less than this."""
 
-USUAL: Mapping[str, Any] = {"motion": "joint", "max_staleness": 0.1}
-"""What a monitor has that is told nothing; kept where a trial shows nothing."""
+TRIED = {
+    name: declared
+    for name in CHOSEN
+    if (declared := read_declarations(Settings)[name]).default is not None
+}
+"""Settings of which every example is tried, one after the other; a budget follows from them."""
 
 FINEST_SCHEDULE = "full"
 """Of the finest: every pair in every tick."""
-
-CHOSEN = (*USUAL, "budget")
-"""Settings of a monitor that are chosen, unless they are given."""
 
 LOOK = 50
 """Ticks between two looks at which links can be reached."""
@@ -112,8 +112,8 @@ def choose_settings(
 ) -> Choice:
     """Try settings, and choose the cheapest that cannot be told from the finest.
 
-    One axis after the other, each with what was chosen on those before: `max_staleness`, level of
-    the cover, motion model. Of settings that cost the same the finer one is chosen. The budget is
+    One axis after the other, each with what was chosen on those before: staleness, level of the
+    cover, motion model. Of settings that cost the same the finer one is chosen. The budget is
     what the dearest tick took, with room to spare. Where no setting is as good as the finest, the
     nearest to it is chosen, and a reason says so; where the finest says one level alone, nothing
     but STOP or nothing but CLEAR, a trial shows nothing, and what is usual stays.
@@ -150,7 +150,8 @@ def choose_settings(
         )
     # What verdicts carry beside their answer is not compared, and takes time.
     fixed = {**given, "certify": False, "separation": None}
-    usual = {name: value for name, value in USUAL.items() if name not in given}
+    # What a monitor has that is told nothing; kept where a trial shows nothing.
+    usual = {name: one.default for name, one in TRIED.items() if name not in given}
     whole = _Rungs({**usual, "schedule": FINEST_SCHEDULE, "budget": None})
     finest = _run(robot, obstacles, ticks, fixed, whole, looks=True)
 
@@ -181,7 +182,7 @@ def choose_settings(
 def _make_trial(
     robot: Robot, obstacles: Obstacles, recording: str | Path | None, given: Mapping[str, Any]
 ) -> list[TrialTick]:
-    rate = float(given.get("rate", RATE))
+    rate = read_settings(None, given).rate
     if recording is not None:
         return read_trial(recording, robot, rate)
     site = Site(robot, lambda: copy.deepcopy(obstacles), given, tuple(obstacles.source_names))
@@ -216,10 +217,16 @@ def _list_axes(
     """
     levels = max(robot.cover.levels(link) for link in robot.cover.links)
     coarser = [] if keeps_cover else list(range(levels - 1))[::-1]
+
+    def change(name: str) -> Callable[[_Rungs], list[_Rungs]]:
+        return lambda best: [best.change(**{name: one}) for one in TRIED[name].examples]
+
+    # How stale an answer may look decides about most of the price.
+    *others, first = TRIED
     axes: dict[str, Callable[[_Rungs], list[_Rungs]]] = {
-        "max_staleness": lambda best: [best.change(max_staleness=one) for one in STALENESS],
+        first: change(first),
         "level": lambda best: [best, *(best._replace(level=one) for one in coarser)],
-        "motion": lambda best: [best.change(motion=one) for one in MOTIONS],
+        **{name: change(name) for name in others},
     }
     return [
         (axis, candidates)

@@ -45,12 +45,12 @@ from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
-from armguard.monitor.settings import MonitorSettings
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
 from armguard.obstacles.table import States, make_states
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.settings.settings import Settings
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
@@ -167,7 +167,7 @@ class CommittedPieces:
         evaluated: Evaluations since the last joint state was taken.
     """
 
-    def __init__(self, robot: Robot, scheduler: Scheduler, settings: MonitorSettings) -> None:
+    def __init__(self, robot: Robot, scheduler: Scheduler, settings: Settings) -> None:
         self.evaluated = 0
         self._joints = robot.joints
         self._scheduler = scheduler

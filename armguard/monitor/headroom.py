@@ -20,7 +20,7 @@ class Headroom(NamedTuple):
     """What a monitor spends, and what it could still take on before its budget breaks.
 
     Predicted from how imminent all obstacles are now: as many times as many of them, spread alike.
-    Beyond that, answers get staler than `max_staleness` allows, and so contact times shorter than
+    Beyond that, answers get staler than the settings allow, and so contact times shorter than
     they need be. Where a certificate ends before its turn comes, the stop decision is made about
     it, and where that has no budget left either, the verdict is a STOP: see `ReasonKind.OVERDUE`.
     """

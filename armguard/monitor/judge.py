@@ -10,16 +10,15 @@ import numpy as np
 from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
-from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import STEP, StopDecision
 from armguard.pairs.scene import BOUND_NAMES
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
+from armguard.settings.settings import Settings
 from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
@@ -43,9 +42,7 @@ class Judge:
         states: Knows the joint states.
         rule: Makes levels.
         settings: Of the monitor.
-        separation: Rule of the separation distance whose margin each verdict is to carry, if any.
         in_force: What joints keep to while the arm works, and how they stop, shared.
-        certify: Whether each verdict is to carry a certificate.
 
     Attributes:
         pieces: Pieces that the arm may be on; None where plans are not judged.
@@ -58,25 +55,22 @@ class Judge:
         scheduler: Scheduler,
         states: JointStates,
         rule: VerdictRule,
-        settings: MonitorSettings,
-        separation: SeparationRule | None,
+        settings: Settings,
         in_force: LimitsInForce,
-        *,
-        certify: bool,
     ) -> None:
         self._scheduler = scheduler
         self._rule = rule
-        self._certify = certify
+        self._certify = settings.certify
         self._budget = settings.budget
         self._response_time = settings.response_time
-        self._braking_delay = settings.response_time + settings.reaction_time
+        self._braking_delay = settings.braking_delay
         self._in_force = in_force
         self._velocity_error = np.array(robot.velocity_error)
         self._most_scale, self._most_scale_of = 1.0, -1
         self._rising = RisingScale(settings.scale_rise)
         self._stopping = None
         if settings.with_joints:
-            self._stopping = StopDecision(scheduler, settings.response_time, settings.reaction_time)
+            self._stopping = StopDecision(scheduler, settings)
             states.delay_braking(self._stopping.looks_ahead - self._response_time)
         # What only some monitors do is loaded for these.
         self.pieces: CommittedPieces | None = None
@@ -85,10 +79,10 @@ class Judge:
 
             self.pieces = CommittedPieces(robot, scheduler, settings)
         self._separation: SeparationMargin | None = None
-        if separation is not None:
+        if settings.separation is not None:
             from armguard.pairs.separation_margin import SeparationMargin
 
-            self._separation = SeparationMargin(separation, self._braking_delay)
+            self._separation = SeparationMargin(settings.separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
         self._late_data = LateData(
             scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping

@@ -16,12 +16,12 @@ import numpy as np
 
 from armguard.jit.arrays import IntArray
 from armguard.monitor.levels import VerdictRule
-from armguard.monitor.settings import MonitorSettings
 from armguard.monitor.stop_decision import StopDecision
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.robot.joint_states import JointStates
 from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.settings.settings import Settings
 from armguard.verdict import Level, Reason, ReasonKind
 
 SAMPLING = 0.01
@@ -111,7 +111,7 @@ class LateData:
         scheduler: Scheduler,
         states: JointStates,
         rule: VerdictRule,
-        settings: MonitorSettings,
+        settings: Settings,
         stopping: StopDecision | None,
     ) -> None:
         self._obstacles = obstacles

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from armguard.settings.settings import Settings
 from armguard.verdict import Held, Level, Reason, ReasonKind
 
 LEVELS = STOP, SLOW, AWARE, CLEAR = tuple(Level)
@@ -28,15 +29,13 @@ class VerdictRule:
     construction stands at once. What began a level is kept for as long as the level may be held.
 
     Args:
-        slow_margin: Below stop time plus this, in [s], the level is SLOW.
-        aware_margin: Below stop time plus this, in [s], the level is AWARE.
-        rise_delay: How long, in [s], evidence must last before a level rises.
+        settings: Margins of levels, and how long evidence must last before one rises.
     """
 
-    def __init__(self, slow_margin: float, aware_margin: float, rise_delay: float) -> None:
-        self.slow_margin = slow_margin
-        self.aware_margin = aware_margin
-        self.rise_delay = rise_delay
+    def __init__(self, settings: Settings) -> None:
+        self.slow_margin = settings.slow_margin
+        self.aware_margin = settings.aware_margin
+        self.rise_delay = settings.rise_delay
         self.latched: dict[ReasonKind, Reason] = {}
         self._settled = False
         self._was_reset = False

@@ -11,9 +11,9 @@ from __future__ import annotations
 import copy
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Never
+from typing import TYPE_CHECKING, Any, overload
 
 import pinocchio
 from numpy.typing import ArrayLike
@@ -41,24 +41,22 @@ from armguard.monitor.plan_verdict import refuse_plan
 from armguard.monitor.queries import Queries
 from armguard.monitor.reports import PairReport, Snapshot
 from armguard.monitor.settings import (
-    SCALE_RISE,
     make_scheduler,
-    read_number,
     read_settings,
-    refuse_settings,
+    resolve_settings,
+    take_keywords,
 )
 from armguard.monitor.trial import Choice, TrialTick
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.exemptions import Exemption, Exemptions
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.joint_acceptance import BELIEVED
 from armguard.robot.joint_states import JointStates
-from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
-from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
+from armguard.settings.declarations import read_number
+from armguard.settings.settings import Settings
 from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
@@ -80,51 +78,10 @@ class Monitor:
     Args:
         robot: The arm.
         obstacles: The table that perception writes to.
-        rate: Ticks a second, [Hz].
-        schedule: "deadline", "full", "distance", "daa", or a `Schedule` of your own.
-        motion: How the arm's possible motion is bounded: "joint" (by its joints' limits, and a STOP
-            only where braking after the next tick could be too late), "planned" (the same, and the
-            controller has each piece of its path judged, by `commit`), or "isotropic" (points of
-            the arm as free bodies; cheaper, and far more cautious).
-        leave: Whether joints may leave a committed piece on the way, for motion="planned": "never",
-            or at "any" moment, each at its own, to brake by itself, as at an emergency stop or
-            without power. What is committed is then proved safe for that, too, and refused more
-            often.
-        ignore: Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern
-            that has fitted no obstacle yet is a STOP that names it. With a third element, the name
-            of one of the obstacles' sources, only what that source reports is ignored, and may come
-            later: ("panda_hand", "workpiece*", "camera").
-        reaction_time: From a STOP to braking torque, [s].
-        latency: Of computing and transporting a verdict, lateness of a tick included, [s].
-        slow_margin: Beyond the stopping time, [s]: SLOW below.
-        aware_margin: Beyond the stopping time, [s]: AWARE below.
-        rise_delay: Evidence needed before a level rises, [s]; after `reset` as well. As long a
-            sample that was refused counts as one that may be true.
-        scale_rise: By how much the speed scale rises in a second, at most, [1/s], so that an arm
-            that follows it moves smoothly; it falls at once.
-        source_timeout: Silence that a source may keep, and lead of its stamps, [s].
-        joint_timeout: Longest step between joint states, their longest age, and the longest time
-            for which one stamp may stand, [s]; default max(0.1, 5 periods).
-        margin: Distance that counts as contact already, [m].
-        max_staleness: How stale an answer may look, as a fraction of itself, in [0, 1).
-        budget: Evaluations in a tick after which no further obstacle is begun; what misses its
-            deadline is a STOP. Each question of the stop decision may spend as many; where they do
-            not suffice, the answer is the cautious one, and a reason says so. For "deadline" only;
-            default: no limit.
-        base_placement: Of the robot's base in the world; default at the origin.
-        operating: What the controller keeps to while the arm works, enforced by it and tested here
-            at every joint state; "published": what the robot's description has from published
-            sources; default: the robot's limits.
-        payload: What it carries at most, tool included, [kg]: which of its brakes' entries count;
-            default: the heaviest that they are stated for.
-        certify: Attach to each verdict a certificate of the pair that decides it, by free bodies;
-            takes a fraction of a millisecond a tick.
-        separation: Attach to each verdict the margin of the speed-and-separation distance by this
-            rule; evaluates every pair in every tick.
-        removed: Nothing: settings of earlier versions are refused with what replaces them.
+        settings: A `Settings` record; without it, its fields as keywords.
 
     Attributes:
-        settings: What it was made with, checked.
+        settings: What it was made with; nothing that the robot decides is left open.
         journal: Is told all that reaches the monitor, and its answers; None: nothing is.
         choice: What `auto` chose of the settings, and why; None: nothing was chosen.
 
@@ -133,87 +90,60 @@ class Monitor:
             is around a link that cannot leave it.
     """
 
+    @overload
+    def __init__(
+        self, robot: Robot, obstacles: Obstacles, settings: Settings | None = None
+    ) -> None: ...
+
+    @overload
+    @take_keywords(Settings)
+    def __init__(self, robot: Robot, obstacles: Obstacles, /, **keywords: Any) -> None: ...
+
     def __init__(
         self,
         robot: Robot,
         obstacles: Obstacles,
-        *,
-        rate: float = 1000.0,
-        schedule: str | Schedule = "deadline",
-        motion: str = "joint",
-        leave: str = "never",
-        ignore: Iterable[Sequence[str]] = (),
-        reaction_time: float = 0.02,
-        latency: float = 0.002,
-        slow_margin: float = 0.1,
-        aware_margin: float = 0.3,
-        rise_delay: float = 0.3,
-        scale_rise: float = SCALE_RISE,
-        source_timeout: float = 0.2,
-        joint_timeout: float | None = None,
-        margin: float = 0.0,
-        max_staleness: float = 0.1,
-        budget: int | None = None,
-        base_placement: pinocchio.SE3 | None = None,
-        operating: OperatingLimits | str | None = None,
-        payload: float | None = None,
-        certify: bool = False,
-        separation: SeparationRule | None = None,
-        **removed: Never,
+        settings: Settings | None = None,
+        **keywords: Any,
     ) -> None:
-        refuse_settings(removed)
+        if not isinstance(robot, Robot):
+            remedy = 'armguard.Robot.load("panda") makes one'
+            raise ArmguardError(
+                "robot", f"is {robot!r}", expected="an armguard.Robot", remedy=remedy
+            )
+        if not isinstance(obstacles, Obstacles):
+            raise ArmguardError(
+                "obstacles",
+                f"is {obstacles!r}",
+                expected="an armguard.Obstacles",
+                remedy="an empty table if there are none",
+            )
+        given = read_settings(settings, keywords)
+        self._ignored = IgnoredPairs(given.ignore, robot, obstacles.source_names)
+        self.settings = settings = resolve_settings(given, robot, self._ignored)
         self.journal: Journal | None = None
         self.choice: Choice | None = None
-        settings = read_settings(
-            robot,
-            obstacles,
-            rate=rate,
-            schedule=schedule,
-            motion=motion,
-            leave=leave,
-            scale_rise=scale_rise,
-            joint_timeout=joint_timeout,
-            max_staleness=max_staleness,
-            budget=budget,
-            base_placement=base_placement,
-            operating=operating,
-            payload=payload,
-            reaction_time=reaction_time,
-            latency=latency,
-            slow_margin=slow_margin,
-            aware_margin=aware_margin,
-            rise_delay=rise_delay,
-            source_timeout=source_timeout,
-            margin=margin,
-        )
         self.period = settings.period
         self.robot = robot
         self.obstacles = obstacles
-        self.base_placement = settings.base_placement
-        self._response_time = settings.response_time
-        self._max_staleness = settings.max_staleness
+        self.base_placement: pinocchio.SE3 = settings.base_placement
+        self._fresh_share = settings.fresh_share
         self._source_timeout = settings.source_timeout
-        self._rise_delay = float(rise_delay)
-        self._rule = VerdictRule(slow_margin, aware_margin, rise_delay)
-        self._in_force = in_force = LimitsInForce(robot, settings.operating, settings.payload)
+        self._rule = rule = VerdictRule(settings)
+        self._in_force = in_force = settings.put_in_force(robot)
         self._operating = None
-        if settings.operating is not None:
-            self._operating = OperatingHistory(robot, in_force, rise_delay)
+        if settings.has_operating:
+            self._operating = OperatingHistory(robot, in_force, rule.rise_delay)
         self._states = JointStates(
             robot,
-            settings.joint_timeout,
+            settings.longest_joint_step,
             settings.response_time,
             settings.reaction_time,
             settings.period,
             in_force,
         )
-        sources = obstacles.source_names
-        self._ignored = IgnoredPairs(ignore, robot, sources)
         self._exemptions = Exemptions(obstacles, self._ignored)
         self._exempt_reasons: tuple[object, list[Reason]] = (), []
-        self.settings = settings = settings._replace(
-            rate=float(rate), ignore=self._ignored.entries, certify=certify, separation=separation
-        )
         self._scheduler = make_scheduler(
             robot,
             obstacles,
@@ -228,16 +158,7 @@ class Monitor:
             from armguard.monitor.entrances import check_entrances
 
             check_entrances(self._scheduler.arm)
-        self._judge = Judge(
-            robot,
-            self._scheduler,
-            self._states,
-            self._rule,
-            settings,
-            separation,
-            in_force,
-            certify=certify,
-        )
+        self._judge = Judge(robot, self._scheduler, self._states, rule, settings, in_force)
         self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states, in_force)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
@@ -266,11 +187,11 @@ class Monitor:
         Each candidate is led through the trial with a table of its own. Chosen is the cheapest
         whose verdicts cannot be told from those of the finest, which evaluates every pair in every
         tick: the same level in 99 % of the ticks, and speed scales that differ by 0.01 at most on
-        average. What is chosen is `max_staleness`, the level of the cover, `motion` and a
-        `budget` with room to spare. The price is counted in evaluations, so the choice does not
-        depend on the machine. Safety does not rest on it: each setting errs to the safe side, and
-        watches every link, obstacle and source; a scene that is not like the trial is judged more
-        cautiously than by the finest, never less safely.
+        average. What is chosen is how stale answers may look, the level of the cover, the motion
+        model, and a budget with room to spare. The price is counted in evaluations, so the choice
+        does not depend on the machine. Safety does not rest on it: each setting errs to the safe
+        side, and watches every link, obstacle and source; a scene that is not like the trial is
+        judged more cautiously than by the finest, never less safely.
 
         A trial in which the finest says one level alone, nothing but STOP or nothing but CLEAR,
         shows nothing: what is usual stays, and the choice says so.
@@ -678,7 +599,7 @@ class Monitor:
                 now - stamp,
                 stop_time,
                 # Children are opened only where a refinement could still matter to the level.
-                (stop_time + self._rule.aware_margin) / (1.0 - self._max_staleness),
+                (stop_time + self._rule.aware_margin) / self._fresh_share,
                 late,
             ),
         )
@@ -841,7 +762,7 @@ class Monitor:
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""
         obstacles = self.obstacles
-        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout, self._rise_delay)
+        reasons = take_obstacle_reasons(obstacles, now, self._source_timeout, self._rule.rise_delay)
         self._unplaced = bool(obstacles.unplaced())
         self._no_sources = not obstacles.has_sources
         self._quiet_until = -math.inf

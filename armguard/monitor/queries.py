@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from armguard.exceptions import ArmguardError
 from armguard.monitor.reports import PairReport, Snapshot, report_pair, take_snapshot
-from armguard.monitor.settings import MonitorSettings, read_limit
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.settings.settings import Settings
 
 if TYPE_CHECKING:
     from armguard.monitor.explain import Explanation
@@ -39,7 +42,7 @@ class Queries:
         self,
         robot: Robot,
         obstacles: Obstacles,
-        settings: MonitorSettings,
+        settings: Settings,
         scheduler: Scheduler,
         states: JointStates,
         in_force: LimitsInForce,
@@ -82,8 +85,7 @@ class Queries:
             return None
         self._scheduler.prepare(tick)
         settings, robot, scheduler = self._settings, self._robot, self._scheduler
-        braking_delay = settings.response_time + settings.reaction_time
-        explanation = explain_pair(scheduler, robot, tick, pair, braking_delay)
+        explanation = explain_pair(scheduler, robot, tick, pair, settings.braking_delay)
         if not (settings.with_joints and by_braking):
             return explanation
         remedies = list_remedies(
@@ -92,7 +94,7 @@ class Queries:
             self._in_force,
             tick,
             settings.response_time,
-            has_operating=settings.operating is not None,
+            has_operating=settings.has_operating,
         )
         return explanation._replace(remedies=remedies)
 
@@ -126,3 +128,18 @@ class Queries:
         scheduler.prepare(tick)
         listing = scheduler.list_imminent(tick.time, row_limit=row_limit, pair_limit=pair_limit)
         return take_snapshot(listing, q, tick.time)
+
+
+def read_limit(name: str, limit: object) -> int:
+    """How many are asked for; below 0 is none.
+
+    Args:
+        name: What to call it in errors.
+        limit: As it was given.
+
+    Raises:
+        ArmguardError: It is no whole number.
+    """
+    if isinstance(limit, bool) or not isinstance(limit, (int, np.integer)):
+        raise ArmguardError(name, f"is {limit!r}", expected="a whole number")
+    return max(int(limit), 0)

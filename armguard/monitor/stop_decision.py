@@ -15,6 +15,7 @@ from armguard.monitor.kept_speeds import KeptSpeeds
 from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
+from armguard.settings.settings import Settings
 
 STEP = 1.0 / 32.0
 """To what a speed scale is found, at least."""
@@ -57,8 +58,7 @@ class StopDecision:
 
     Args:
         scheduler: Knows the pairs.
-        response_time: Period plus latency, in [s]: until the verdict after this one is obeyed.
-        reaction_time: From then until brakes bite, in [s].
+        settings: When verdicts are obeyed, and from when on brakes engage.
 
     Attributes:
         evaluated: Evaluations so far.
@@ -69,13 +69,14 @@ class StopDecision:
         looks_ahead: When the arm is told to stop in the proof of a scale, in [s] from its tick.
     """
 
-    def __init__(self, scheduler: Scheduler, response_time: float, reaction_time: float) -> None:
+    def __init__(self, scheduler: Scheduler, settings: Settings) -> None:
+        response_time = settings.response_time
         self.evaluated = self.left = 0
         self._scheduler = scheduler
         self._response_time = response_time
         # For how long a STOP is proved to be in time at once, in [s]; 0: for the tick at hand.
         self._proving = PROVING if response_time < 0.5 * PROVING else 0.0
-        self.braking_delay = response_time + reaction_time
+        self.braking_delay = settings.braking_delay
         self.looks_ahead = response_time + min(self.braking_delay, LONGEST_PROMISE)
         self._kept = KeptSpeeds()
         self.reset()

@@ -6,7 +6,7 @@ Beside them what of a camera's points is the arm, and another arm as obstacles o
 from typing import TYPE_CHECKING
 
 from armguard.lazy import lazy_names
-from armguard.pairs.separation_rule import SeparationRule
+from armguard.settings.separation_rule import SeparationRule
 
 if TYPE_CHECKING:
     from armguard.pairs.arm_obstacles import ArmObstacles

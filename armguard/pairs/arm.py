@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import copy
 import functools
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
@@ -19,27 +18,11 @@ from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+from armguard.settings.settings import Settings
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
     from armguard.pairs.hull_distance import HullDistance
-
-
-class ArmOptions(NamedTuple):
-    """What is asked of an arm that is watched."""
-
-    margin: float = 0.0
-    """Distance that counts as contact already, in [m]."""
-    reaction_time: float = 0.0
-    """From a STOP to braking torque, in [s]."""
-    base_placement: pinocchio.SE3 | None = None
-    """Of the robot's base in the world; None: at the origin."""
-    with_joints: bool = True
-    """Whether joint and braking bounds are used."""
-    with_plans: bool = False
-    """Whether plans are judged."""
-    by_distance: bool = False
-    """Whether pairs are ranked by distance over closing speed."""
 
 
 class WatchedArm:
@@ -49,7 +32,7 @@ class WatchedArm:
         robot: The arm.
         obstacles: The table.
         ignored: Pairs that are not watched.
-        options: What is asked of it.
+        settings: Where the arm stands, and which bounds count.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
 
@@ -63,7 +46,7 @@ class WatchedArm:
         robot: Robot,
         obstacles: Obstacles,
         ignored: IgnoredPairs,
-        options: ArmOptions,
+        settings: Settings,
         in_force: LimitsInForce | None = None,
         exemptions: Exemptions | None = None,
     ) -> None:
@@ -74,22 +57,21 @@ class WatchedArm:
         self.obstacles = obstacles
         self._ignored = ignored
         self._exemptions = exemptions
-        base_placement = options.base_placement
-        self.kinematics = Kinematics(robot, base_placement)
+        self.kinematics = Kinematics(robot, settings.base_placement)
         self.motion = ArmMotion(
             robot,
-            options.reaction_time,
-            base_placement,
-            with_joints=options.with_joints,
-            with_plans=options.with_plans,
+            settings.reaction_time,
+            settings.base_placement,
+            with_joints=settings.with_joints,
+            with_plans=settings.with_plans,
             in_force=in_force,
         )
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
-            margin=options.margin,
-            by_distance=options.by_distance,
+            margin=settings.margin,
+            by_distance=settings.by_distance,
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.kernels import kernel
-from armguard.pairs.separation_rule import HUMAN_SPEED
+from armguard.settings.separation_rule import HUMAN_SPEED
 
 
 def compute_separation(

@@ -29,7 +29,8 @@ from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ArmArrays, SphereTree
 from armguard.pairs.separation import separation_of
-from armguard.pairs.separation_rule import SeparationRule
+from armguard.settings.declarations import read_number
+from armguard.settings.separation_rule import SeparationRule
 
 
 class _Terms(NamedTuple):
@@ -63,27 +64,26 @@ class SeparationMargin:
         response_time: From a tick until its STOP brakes, T_r, in [s]: period, latency and reaction.
 
     Raises:
-        ArmguardError: A number is negative, infinite or none.
+        ArmguardError: The time is negative, infinite or none.
     """
 
     def __init__(self, rule: SeparationRule, response_time: float) -> None:
         if not isinstance(rule, SeparationRule):
             raise ArmguardError("separation", f"is {rule!r}", expected="a SeparationRule")
-        numbers = {**rule._asdict(), "response_time": response_time}
-        if rule.human_speed is None:
-            del numbers["human_speed"]
-        for name, value in numbers.items():
-            if not (isinstance(value, (int, float)) and 0.0 <= value < math.inf):
-                raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
+        if not 0.0 <= read_number(response_time) < math.inf:
+            raise ArmguardError(
+                "response_time", f"is {response_time!r}", expected="a finite number from 0 on"
+            )
         self.rule = rule
         self.response_time = float(response_time)
+        own_speed = rule.human_speed is None
         self._numbers = (
             self.response_time,
-            0.0 if rule.human_speed is None else float(rule.human_speed),
-            rule.human_speed is None,
-            float(rule.intrusion_distance),
-            float(rule.human_uncertainty),
-            float(rule.robot_uncertainty),
+            0.0 if own_speed else float(rule.human_speed or 0.0),
+            own_speed,
+            rule.intrusion_distance,
+            rule.human_uncertainty,
+            rule.robot_uncertainty,
         )
         self._every_pair: BoolArray = np.zeros(0, dtype=np.bool_)
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from armguard.bounds.planned.plan import Plan, Refusal, read_plan
 from armguard.messages.incoming import PlanMessage, Values, to_rows, to_values
 from armguard.monitor.joint_reasons import read_joint_vectors
-from armguard.monitor.settings import read_number
 from armguard.recording.events import JointState, MalformedPlan, MalformedState
+from armguard.settings.declarations import read_number
 from armguard.verdict import Reason, ReasonKind
 
 _FLOAT = np.dtype(np.float64)

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from armguard.bounds.arm import PLANNED
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import (
     PlanVerdictMessage,
@@ -314,7 +313,7 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
         monitor.reset()
     elif isinstance(event, Payload):
         monitor.payload = event.payload
-    elif isinstance(event, PlanMessage | MalformedPlan) and monitor.settings.motion == PLANNED:
+    elif isinstance(event, PlanMessage | MalformedPlan) and monitor.settings.with_plans:
         return monitor.commit(restore_plan(event))
     return None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,37 +11,41 @@ import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
-from armguard.monitor.settings import REMOVED, SCALE_RISE
+from armguard.monitor.settings import read_settings
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.scene import ADVANCES
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.robot.robot import Robot
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
-from armguard.scheduling.schedule import DEADLINE, Schedule
+from armguard.settings.declarations import Declaration, read_declarations
+from armguard.settings.schedule import Schedule
+from armguard.settings.separation_rule import SeparationRule
+from armguard.settings.settings import REMOVED, Settings
 
-_PLAIN = (
-    "reaction_time",
-    "latency",
-    "slow_margin",
-    "aware_margin",
-    "rise_delay",
-    "scale_rise",
-    "source_timeout",
-    "joint_timeout",
-    "margin",
-    "max_staleness",
-    "rate",
-    "payload",
-)
-"""Settings of a monitor that are one number each."""
+FORMS: Mapping[Any, tuple[str, ...]] = {
+    pinocchio.SE3: ("rotation", "translation"),
+    Frame: ("rotation", "translation", "position_error"),
+    OperatingLimits: ("velocity", "acceleration"),
+    SeparationRule: SeparationRule.__struct_fields__,
+    DaaSchedule: ("period", "law", "sort"),
+    Source: ("name", "timeout", "required", "on_refusal"),
+}
+"""Attributes that stand for a value of these types."""
 
-_WORDS = ("motion", "leave")
-_WHOLE = ("budget",)
+READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
+    pinocchio.SE3: lambda data: pinocchio.SE3(
+        read_numbers(data["rotation"]), read_numbers(data["translation"])
+    ),
+    OperatingLimits: lambda data: OperatingLimits(
+        **{name: limits and read_numbers(limits) for name, limits in data.items()}
+    ),
+    Schedule: lambda data: DaaSchedule(float(data["period"]), data["law"], data["sort"]),
+    SeparationRule: lambda data: SeparationRule(**data),
+}
+"""What makes a value of each type that settings can have beside plain ones."""
 
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:
@@ -51,57 +55,9 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
         ArmguardError: The schedule is one of the application's own.
     """
     settings, table = monitor.settings, monitor.obstacles.settings
-    operating, separation = settings.operating, settings.separation
     return {
-        "monitor": {
-            **{name: write_number(getattr(settings, name)) for name in _PLAIN},
-            **{name: getattr(settings, name) for name in _WORDS},
-            "schedule": _describe_schedule(settings.schedule),
-            "budget": settings.budget,
-            "ignore": [list(entry) for entry in settings.ignore],
-            "certify": bool(settings.certify),
-            "base_placement": {
-                "rotation": write_numbers(settings.base_placement.rotation),
-                "translation": write_numbers(settings.base_placement.translation),
-            },
-            "operating": operating
-            and {
-                name: None if limits is None else write_numbers(limits)
-                for name, limits in (
-                    ("velocity", operating.velocity),
-                    ("acceleration", operating.acceleration),
-                )
-            },
-            "separation": separation and dict(separation._asdict()),
-        },
-        "obstacles": {
-            "accel": write_number(table.accel),
-            "speed": write_number(table.speed),
-            "extent": write_number(table.extent),
-            "sources": None
-            if table.sources is None
-            else [
-                {
-                    "name": source.name,
-                    "timeout": source.timeout,
-                    "required": source.required,
-                    "on_refusal": source.on_refusal,
-                }
-                for source in table.sources
-            ],
-            "frames": {
-                name: {
-                    "rotation": write_numbers(frame.rotation),
-                    "translation": write_numbers(frame.translation),
-                    "position_error": frame.position_error,
-                }
-                for name, frame in table.frames.items()
-            },
-            "bounds": [
-                [pattern, write_number(accel), write_number(speed)]
-                for pattern, accel, speed in table.bounds
-            ],
-        },
+        "monitor": {name: _write(getattr(settings, name)) for name in read_declarations(Settings)},
+        "obstacles": _write(table._asdict()),
         # For people alone: what was chosen stands among the settings above.
         "choice": None if monitor.choice is None else monitor.choice._asdict(),
     }
@@ -137,39 +93,10 @@ def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
 
 def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) -> Monitor:
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
-    base, operating, separation = data["base_placement"], data["operating"], data["separation"]
-    schedule = data["schedule"]
-    if data.get("advances", ADVANCES) != ADVANCES:
-        raise ArmguardError(
-            "advances", f"is {data['advances']!r}", expected=f"{ADVANCES}, as always"
-        )
-    # Recordings of earlier versions do not have all that there is now: then it was as by default.
-    data = {"leave": "never", "scale_rise": SCALE_RISE, **data}
-    words: dict[str, Any] = {name: str(data[name]) for name in _WORDS}
-    numbers: dict[str, Any] = {name: float(data[name]) for name in _PLAIN}
-    return Monitor(
-        robot,
-        obstacles,
-        **numbers,
-        **words,
-        schedule=schedule
-        if isinstance(schedule, str)
-        else DaaSchedule(float(schedule["period"]), schedule["law"], schedule["sort"]),
-        budget=data["budget"],
-        ignore=[tuple(entry) for entry in data["ignore"]],
-        certify=bool(data["certify"]),
-        base_placement=pinocchio.SE3(
-            read_numbers(base["rotation"]), read_numbers(base["translation"])
-        ),
-        operating=operating
-        and OperatingLimits(
-            **{
-                name: None if limits is None else read_numbers(limits)
-                for name, limits in operating.items()
-            }
-        ),
-        separation=separation and SeparationRule(**separation),
-    )
+    values = {
+        name: _read(declared, data[name]) for name, declared in read_declarations(Settings).items()
+    }
+    return Monitor(robot, obstacles, read_settings(None, {**data, **values}))
 
 
 def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Robot) -> None:
@@ -185,18 +112,13 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     Raises:
         ArmguardError: There is no such setting, or its value is not of its kind.
     """
-    known = [*_PLAIN, *_WORDS, "schedule", *_WHOLE, "operating", "operating.velocity"]
+    declarations = read_declarations(Settings)
+    plain = [one for one in declarations.values() if one.plain_type not in (None, bool)]
+    known = [*(one.name for one in plain), "operating.velocity"]
     known += ["operating.acceleration", "bounds.speed", "bounds.accel"]
     for name, text in changes.items():
-        if name in _WORDS or name == "schedule":
-            data["monitor"][name] = text
-        elif name in _PLAIN:
-            data["monitor"][name] = _read_number(name, text)
-        elif name in _WHOLE:
-            number = _read_number(name, text)
-            if not number.is_integer():
-                raise ArmguardError(name, f"is {text!r}", expected="a whole number")
-            data["monitor"][name] = int(number)
+        if name in known and name in declarations and name != "operating":
+            data["monitor"][name] = _read_text(declarations[name], text)
         elif name == "operating":
             data["monitor"][name] = _choose_operating(text, robot)
         elif name.startswith("operating.") and name in known:
@@ -221,11 +143,8 @@ def _choose_operating(text: str, robot: Robot) -> dict[str, Any] | None:
         return None
     if text != "published":
         raise ArmguardError("operating", f"is {text!r}", expected='"published" or "none"')
-    limits = OperatingLimits.published(robot)
-    return {
-        "velocity": write_numbers(np.asarray(limits.velocity)),
-        "acceleration": write_numbers(np.asarray(limits.acceleration)),
-    }
+    published: dict[str, Any] = _write(OperatingLimits.published(robot))
+    return published
 
 
 def _read_number(name: str, text: str) -> float:
@@ -238,17 +157,44 @@ def _read_number(name: str, text: str) -> float:
     return number
 
 
-def _describe_schedule(schedule: Schedule | None) -> Any:
-    if schedule is None:
-        return DEADLINE
-    if type(schedule) is DaaSchedule:
-        return {"period": schedule.period, "law": schedule.law, "sort": schedule.sort}
-    if type(schedule) is FullSchedule:
-        return "full"
-    if type(schedule) is DistanceSchedule:
-        return "distance"
+def _write(value: Any) -> Any:
+    """A value of a setting as plain data."""
+    if type(value) in FORMS:
+        return {name: _write(getattr(value, name)) for name in FORMS[type(value)]}
+    if type(value) in (FullSchedule, DistanceSchedule):
+        return "full" if type(value) is FullSchedule else "distance"
+    match value:
+        case None | bool() | int() | str():
+            return value
+        case float():
+            return write_number(value)
+        case np.ndarray():
+            return write_numbers(value)
+        case dict():
+            return {name: _write(one) for name, one in value.items()}
+        case list() | tuple():
+            return [_write(one) for one in value]
     raise ArmguardError(
         "schedule",
-        f"is a {type(schedule).__name__} of the application's own",
+        f"is a {type(value).__name__} of the application's own",
         expected="one of armguard's, which alone can be made anew from a recording",
     )
+
+
+def _read(declaration: Declaration, data: Any) -> Any:
+    """The value of a setting from plain data."""
+    if isinstance(data, Mapping):
+        return next(READERS[kind](data) for kind in declaration.kinds if kind in READERS)
+    return float(data) if data == "Infinity" else data
+
+
+def _read_text(declaration: Declaration, text: str) -> float | str:
+    """The value that a text states for a plain setting."""
+    if not declaration.is_number:
+        return text
+    number = _read_number(declaration.name, text)
+    if float in declaration.kinds:
+        return number
+    if not number.is_integer():
+        raise ArmguardError(declaration.name, f"is {text!r}", expected="a whole number")
+    return int(number)

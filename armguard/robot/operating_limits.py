@@ -125,13 +125,16 @@ class LimitsInForce:
     """
 
     def __init__(
-        self, robot: Robot, operating: OperatingLimits | None, payload: float | None = None
+        self,
+        robot: Robot,
+        operating: OperatingLimits | str | None,
+        payload: float | None = None,
     ) -> None:
         """The operating limits, or the robot's own where there are none, are in force.
 
         Args:
             robot: Whose limits and brakes.
-            operating: What its controller keeps to; None: the robot's limits.
+            operating: What its controller keeps to, or "published"; None: the robot's limits.
             payload: What it carries at most, in [kg]; None: the heaviest that its brakes are stated
                 for.
 
@@ -145,6 +148,7 @@ class LimitsInForce:
             np.array(robot.velocity_limit, dtype=np.float64),
             np.array(robot.acceleration_limit, dtype=np.float64),
         )
+        operating = read_operating(robot, operating)
         limits = self._hardware if operating is None else operating.resolve(robot)
         self.operating_velocity, self.operating_acceleration = limits
         self.velocity = self.operating_velocity.copy()
@@ -210,7 +214,7 @@ def put_in_force(robot: Robot, operating: OperatingLimits | LimitsInForce | None
     """
     if isinstance(operating, LimitsInForce):
         return operating
-    return LimitsInForce(robot, read_operating(robot, operating))
+    return LimitsInForce(robot, operating)
 
 
 def read_operating(robot: Robot, operating: object) -> OperatingLimits | None:

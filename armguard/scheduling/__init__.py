@@ -7,7 +7,8 @@ follow `Schedule`, and those of the paper stand in `paper`.
 from typing import TYPE_CHECKING
 
 from armguard.lazy import lazy_names
-from armguard.scheduling.schedule import DEADLINE, SCHEDULES, Schedule, make_schedule
+from armguard.scheduling.schedule import SCHEDULES, make_schedule
+from armguard.settings.schedule import DEADLINE, Schedule
 
 if TYPE_CHECKING:
     from armguard.scheduling.paper.daa import DaaSchedule

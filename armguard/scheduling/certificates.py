@@ -84,7 +84,7 @@ class Certificates(NamedTuple):
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
     """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
-    bounds prepared; how many rows were evaluated later than max_staleness asked for, and of late,
+    bounds prepared; how many rows were evaluated later than they were due, and of late,
     evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
     which the stop decision found a pair unsafe; the last one in which it proved something that
     lasts, with the evaluations spent on that; and what reading ahead came to, which is of no use.

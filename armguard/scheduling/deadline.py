@@ -62,25 +62,7 @@ from armguard.scheduling.scheduler import (
 )
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 from armguard.scheduling.tournament import entries_of
-
-UNLIMITED = 2**62
-"""A budget that nothing exceeds."""
-
-
-class Pace(NamedTuple):
-    """By what obstacles are due."""
-
-    braking_delay: float
-    """From a tick until its STOP brakes: period, latency and reaction time, in [s]."""
-    max_staleness: float
-    """How stale an answer may look, as a fraction of itself."""
-    aware_margin: float
-    """Beyond the stopping time, in [s]: what could be touched within is refined."""
-    period: float
-    """Of ticks, in [s]."""
-    budget: int = UNLIMITED
-    """Evaluations in a tick after which nothing further is begun, and those of a question by the
-    stop decision."""
+from armguard.settings.settings import MOST_EVALUATIONS, Settings
 
 
 class _Desk(NamedTuple):
@@ -115,7 +97,7 @@ class DeadlineScheduler:
         obstacles: The table; this scheduler is the one that follows its rows from now on.
         make_arm: Lays out an arm as it is.
         states: Where joint positions and velocities of each tick stand.
-        pace: By what obstacles are due.
+        settings: How stale answers may look, what is refined, and the budget.
         operating: What tests joint states against operating limits; None: there are none.
     """
 
@@ -125,7 +107,7 @@ class DeadlineScheduler:
         obstacles: Obstacles,
         make_arm: Callable[[Robot], WatchedArm],
         states: JointStates,
-        pace: Pace,
+        settings: Settings,
         operating: OperatingHistory | None = None,
     ) -> None:
         self._robot = robot
@@ -135,7 +117,8 @@ class DeadlineScheduler:
         """Of arms that are laid out ahead."""
         self._states = states
         self._record = make_empty_record() if operating is None else operating.record
-        self._pace = pace
+        self._settings = settings
+        self._budget = MOST_EVALUATIONS if settings.budget is None else settings.budget
         self._candidates = np.zeros(0, dtype=np.int64)
         self._placed = -2
         self._changes = -1
@@ -145,7 +128,7 @@ class DeadlineScheduler:
 
     @property
     def stale_evaluations(self) -> int:
-        """How many evaluations so far came later than max_staleness asked for."""
+        """How many evaluations so far came later than they were due."""
         return int(self.certificates.numbers[STALE])
 
     @property
@@ -291,8 +274,8 @@ class DeadlineScheduler:
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs as imminent as all obstacles are now."""
-        certificates = self.certificates
-        _, max_staleness, _, period, _ = self._pace
+        certificates, settings = self.certificates, self._settings
+        max_staleness, period = settings.max_staleness, settings.period
         rows = np.flatnonzero(certificates.watched.any(axis=1))
         evaluated_at = certificates.evaluated_at[rows]
         known = np.isfinite(evaluated_at)
@@ -356,7 +339,7 @@ class DeadlineScheduler:
             is_paced,
             since,
             self._last_offender,
-            self._pace.budget,
+            self._budget,
         )
         row, link, spent, left = self._find_unsafe(
             self._tick_data, _moment_of(tick), question, self._candidates
@@ -460,9 +443,14 @@ class DeadlineScheduler:
         certificates = grow_certificates(certificates, table.changed_rows, table.reference_states)
         candidates = np.zeros(len(certificates.watched), dtype=np.int64)
         scene = arm.state.scene
-        guard, record = self._states.guard, self._record
-        decides = scene.settings.with_joints
-        tick_data = pack(TickData(scene, certificates, guard, record, *self._pace, decides))
+        settings = self._settings
+        tick_data = pack(
+            TickData(
+                scene, certificates, self._states.guard, self._record,
+                settings.braking_delay, settings.max_staleness, settings.aware_margin,
+                settings.period, self._budget, scene.settings.with_joints,
+            )
+        )  # fmt: skip
         return _Desk(
             table.accepted,
             certificates,

@@ -27,7 +27,6 @@ from armguard.scheduling.certificates import IN_VAIN
 from armguard.scheduling.flagged_pairs import FlaggedCheck
 from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.pair_certificates import PairCertificates
-from armguard.scheduling.schedule import Schedule
 from armguard.scheduling.scheduler import (
     AdvanceResult,
     Listing,
@@ -36,6 +35,7 @@ from armguard.scheduling.scheduler import (
     TickResult,
     Unsafe,
 )
+from armguard.settings.schedule import Schedule
 
 
 class PairScheduler:

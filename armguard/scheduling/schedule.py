@@ -1,81 +1,14 @@
-"""Schedules of pairs: what the monitor asks of each, and their names.
-
-A schedule sees pair numbers and times only: neither arms nor obstacles. That is what lets the world
-of the paper and the monitor run on the same code. Each follows `Schedule`; a tick is
-
-    pairs = schedule.due()
-    schedule.settle(contact times of exactly these pairs, stop_time)
-    watched = schedule.flagged()
-"""
+"""Schedules of pairs by their names; `armguard.settings.schedule` says what each has to do."""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
-
-from numpy.typing import ArrayLike
+from typing import get_args
 
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import IntArray
-from armguard.scheduling.paper.arguments import Measure
+from armguard.settings.schedule import DEADLINE, Schedule, ScheduleName
 
-DEADLINE = "deadline"
-"""The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""
-
-SCHEDULES = ("full", "distance", "daa")
+SCHEDULES: tuple[str, ...] = tuple(name for name in get_args(ScheduleName) if name != DEADLINE)
 """Names of schedules of pairs."""
-
-
-@runtime_checkable
-class Schedule(Protocol):
-    """What the monitor asks of every schedule.
-
-    Pair numbers are any non-negative int64, sparse, and may come back after they have left. A
-    change between `due` and `settle` gives the unsettled pairs back: the next `due` names them
-    again.
-    """
-
-    @property
-    def measure(self) -> Measure:
-        """What `settle` is to be given: times to contact, or times by distance alone."""
-        ...
-
-    @property
-    def every_tick(self) -> bool:
-        """Whether all pairs are due in every tick, so that no answer need outlive its tick."""
-        ...
-
-    def insert(self, pairs: ArrayLike) -> None:
-        """Take in new pairs; all are due at the next `due`. Shape (n,)."""
-        ...
-
-    def remove(self, pairs: ArrayLike) -> None:
-        """Let go of pairs. Shape (n,)."""
-        ...
-
-    def touch(self, pairs: ArrayLike) -> None:
-        """Make pairs due at the next `due`, out of turn. Shape (n,)."""
-        ...
-
-    def due(self) -> IntArray:
-        """Start the next tick: the pairs to evaluate now, each once. Shape (m,)."""
-        ...
-
-    def settle(self, contact_times: ArrayLike, stop_time: float) -> None:
-        """Take the results for the pairs that `due` returned, in that order.
-
-        Args:
-            contact_times: In [s] from now; NaN counts as 0. Shape (m,).
-            stop_time: In [s], the time that a certificate must outlast the next visit by.
-        """
-        ...
-
-    def flagged(self) -> IntArray:
-        """Pairs that might come too near before their next visit: watch each tick. Shape (f,)."""
-        ...
-
-    def ranking(self) -> IntArray:
-        """All pairs, most imminent first, as far as this schedule knows. Shape (M,)."""
-        ...
 
 
 def make_schedule(name: str | Schedule, period: float) -> Schedule:

@@ -13,15 +13,16 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
-from armguard.scheduling.deadline import DeadlineScheduler, Pace
+from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.scheduler import Tick
+from armguard.settings import Settings
 from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
 GROUPS = 10  # of balls that are measured in turn, one in each tick
 CIRCLE, PACE = (0.5, 3.0), (0.3, 1.5)  # radii [m] and speeds [m/s] of the balls' walks
-MAX_STALENESS, JOINT_TIMEOUT = 0.25, 0.05  # the monitor's defaults
-AWARE_MARGIN = 0.3  # AWARE that long after the stop time, [s]
-HORIZON = 1.0 / RATE + LATENCY + REACTION_TIME  # [s]
+JOINT_TIMEOUT = 0.05  # [s]
+SETTINGS = Settings(rate=RATE, latency=LATENCY, reaction_time=REACTION_TIME, max_staleness=0.25)
+HORIZON = SETTINGS.braking_delay  # [s]
 
 
 class Walkers:
@@ -128,13 +129,7 @@ class Deadline:
 
     def __init__(self, robot: Robot, obstacles: Obstacles, make_arm) -> None:
         self._states = JointStates(robot, JOINT_TIMEOUT)
-        self._scheduler = DeadlineScheduler(
-            robot,
-            obstacles,
-            make_arm,
-            self._states,
-            Pace(HORIZON, MAX_STALENESS, AWARE_MARGIN, 1.0 / RATE),
-        )
+        self._scheduler = DeadlineScheduler(robot, obstacles, make_arm, self._states, SETTINGS)
 
     def step(self, tick: Tick) -> int:
         """Evaluate what is due; how many evaluations that took."""

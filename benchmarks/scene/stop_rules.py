@@ -18,8 +18,8 @@ from armguard.bounds import Plan
 from armguard.lab.simulation.recordings import MARKER_ERROR
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.pairs.separation import HUMAN_SPEED
 from armguard.robot import Robot
+from armguard.settings.separation_rule import HUMAN_SPEED
 from armguard.verdict import Effect, Level, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.recorded_people import RADII, People

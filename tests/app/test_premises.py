@@ -1,4 +1,7 @@
-from armguard.app.premises import Premise, list_premises
+import re
+
+from armguard.app.cell import Cell
+from armguard.app.premises import Premise, describe_missing_limits, list_premises
 from armguard.obstacles import Obstacles
 from support.panda_monitor import make_monitor
 
@@ -40,3 +43,23 @@ def test_other_arms_and_contact_that_is_wanted_are_premises():
     lines = list_premises()
     assert any("other arms" in line and "operating limits" in line for line in lines)
     assert any("contact that is ignored" in line for line in lines)
+
+
+CELL = """[robot]
+name = "panda"
+operating = "published"
+"""
+
+
+def test_a_start_without_operating_limits_says_what_that_costs():
+    text = CELL + "[sources]\n"
+    assert describe_missing_limits(Cell.from_text(text).build()[2]) is None
+    text = text.replace('operating = "published"\n', "")
+    told = describe_missing_limits(Cell.from_text(text).build()[2])
+    without, published = map(int, re.findall(r"(\d+) ms", told))
+    assert without > 1.5 * published
+    assert 'operating = "published"' in told
+    # As this cell has it: lighter loads stop sooner.
+    light = text.replace("[sources]", "payload = 0.0\n[sources]")
+    empty = describe_missing_limits(Cell.from_text(light).build()[2])
+    assert int(re.search(r"(\d+) ms", empty)[1]) < without

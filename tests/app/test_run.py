@@ -19,7 +19,7 @@ from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
 from armguard.app.premises import Premise, summarise_premises
-from armguard.app.run import describe_missing_limits, describe_remedy, find_verdicts_address
+from armguard.app.run import describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
 from armguard.streams import (
@@ -316,20 +316,6 @@ def test_premises_are_one_line_after_the_addresses(cell, addresses, capfd):
     told = capfd.readouterr().err
     assert "premise: " not in told
     assert told.index("verdicts at ") < told.index(summarise_premises())
-
-
-def test_a_start_without_operating_limits_says_what_that_costs():
-    text = CELL + "[sources]\n"
-    assert describe_missing_limits(Cell.from_text(text).build()[2]) is None
-    text = text.replace('operating = "published"\n', "")
-    told = describe_missing_limits(Cell.from_text(text).build()[2])
-    without, published = map(int, re.findall(r"(\d+) ms", told))
-    assert without > 1.5 * published
-    assert 'operating = "published"' in told
-    # As this cell has it: lighter loads stop sooner.
-    light = text.replace("[sources]", "payload = 0.0\n[sources]")
-    empty = describe_missing_limits(Cell.from_text(light).build()[2])
-    assert int(re.search(r"(\d+) ms", empty)[1]) < without
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):

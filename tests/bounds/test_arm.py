@@ -10,7 +10,7 @@ from armguard.bounds import (
     compute_levers,
     sums,
 )
-from armguard.bounds.arm import MOTIONS, ArmMotion
+from armguard.bounds.arm import ArmMotion
 from support.panda_monitor import HOME, panda
 
 V = np.full(7, 0.3)
@@ -61,4 +61,3 @@ def test_tables_are_those_that_are_filled_tick_by_tick():
 def test_joint_bounds_are_used_unless_told_otherwise():
     assert ArmMotion(panda(), 0.02).with_joints
     assert not ArmMotion(panda(), 0.02, with_joints=False).with_joints
-    assert {"joint", "isotropic"} <= set(MOTIONS)

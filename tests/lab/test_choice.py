@@ -171,7 +171,7 @@ def test_without_obstacles_what_is_usual_stays():
         obstacles=Obstacles(sources=[]),
     ).choice
     assert (told.evaluated, told.price, told.same_level) == (0.0, 1.0, 1.0)
-    assert told.settings["max_staleness"] == choice.USUAL["max_staleness"]
+    assert told.settings["max_staleness"] == choice.TRIED["max_staleness"].default
 
 
 def test_a_robot_is_as_before_where_no_monitor_can_be_made(monkeypatch):

@@ -233,7 +233,8 @@ def test_all_certificates_are_due_when_the_payload_changes():
 @pytest.mark.parametrize("payload", [-0.1, 1.001, math.nan, math.inf, "heavy", True, [0.5]])
 def test_payloads_that_cannot_be_are_refused_by_name(payload):
     expected = r"payload: is .*kilograms from 0 to 1, the heaviest"
-    with pytest.raises(ArmguardError, match=expected):
+    # What no robot could carry is refused before there is one.
+    with pytest.raises(ArmguardError, match=rf"{expected}|payload: is .*a number from 0 on"):
         Monitor(ranged_panda(), Obstacles(sources=[]), payload=payload)
     _, monitor = make_ranged(payload=0.5)
     before = steps(monitor, 0, 1)[0].stop_time

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.monitor.levels import VerdictRule
+from armguard.settings import Settings
 from armguard.verdict import Level, Reason, ReasonKind
 
 HOLD = 0.3
@@ -13,7 +14,7 @@ LATCHED = Reason(ReasonKind.TIME_BACKWARDS, "clock")
 
 
 def make_rule(rise_delay=HOLD):
-    return VerdictRule(SLOW, AWARE, rise_delay)
+    return VerdictRule(Settings(slow_margin=SLOW, aware_margin=AWARE, rise_delay=rise_delay))
 
 
 def decide(rule, now, contact_time, stop_time=1.0, *, complete=True, standing=False):

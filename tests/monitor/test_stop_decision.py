@@ -11,6 +11,7 @@ from armguard.bounds import BrakingMotion
 from armguard.monitor.rising_scale import RisingScale
 from armguard.monitor.stop_decision import StopDecision
 from armguard.robot import Robot
+from armguard.settings import Settings
 from armguard.verdict import Level
 from support.adversary import Hunt
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, panda, see, steps
@@ -146,7 +147,8 @@ def test_less_pace_never_adds_to_what_an_arm_can_do_that_keeps_to_it():
 
 def search(thresholds, rise=20.0):
     """What is given out where the greatest safe scale is known, and how many questions it took."""
-    decision, rising = StopDecision(None, PERIOD + LATENCY, REACTION), RisingScale(rise)
+    settings = Settings(rate=1.0 / PERIOD, latency=LATENCY, reaction_time=REACTION)
+    decision, rising = StopDecision(None, settings), RisingScale(rise)
     given, asked = [], []
     for number, threshold in enumerate(thresholds):
         questions = []

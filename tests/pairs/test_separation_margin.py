@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -147,7 +148,7 @@ def test_what_comes_out_of_an_entrance_walks():
     obstacles = Obstacles(speed=2.5)
     obstacles.add_entrance("door", [[3.0, 0.0, 0.0]], 0.5, 0.1)
     walking = ball([3.0, 0.0, 0.0], radius=0.75, speed=2.5)
-    for chosen in (rule, rule._replace(human_speed=None)):
+    for chosen in (rule, msgspec.structs.replace(rule, human_speed=None)):
         margin = margin_of(scene_of(*arm, obstacles, now=9.0), chosen)
         assert margin == pytest.approx(margin_of(scene_of(*arm, walking), chosen), abs=1e-6)
 
@@ -349,10 +350,10 @@ def test_what_is_no_rule_is_refused():
         SeparationMargin("strict", 0.03)
 
 
-@pytest.mark.parametrize("name", [*SeparationRule._fields, "response_time"])
+@pytest.mark.parametrize("name", [*SeparationRule.__struct_fields__, "response_time"])
 @pytest.mark.parametrize("bad", [-0.1, math.nan, math.inf, "far"])
 def test_bad_parameters_are_refused_by_name(name, bad):
-    numbers = {"response_time": 0.03, **SeparationRule()._asdict(), name: bad}
+    numbers = {"response_time": 0.03, name: bad}
     response = numbers.pop("response_time")
     with pytest.raises(ArmguardError) as caught:
         SeparationMargin(SeparationRule(**numbers), response)

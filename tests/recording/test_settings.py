@@ -65,13 +65,15 @@ def change(**changes):
     return robot, data
 
 
-def test_steps_of_an_evaluation_that_no_monitor_has_are_refused():
+def test_settings_that_are_none_any_more_or_missing_are_refused():
     robot, _, monitor = eventful_runs.make_monitor("joint")
     data = through_json(describe_settings(monitor))
     table = make_obstacles(data["obstacles"])
-    make_monitor({**data["monitor"], "advances": 8}, robot, table)
-    with pytest.raises(ArmguardError, match="advances: is 3; expected 8"):
-        make_monitor({**data["monitor"], "advances": 3}, robot, table)
+    with pytest.raises(ArmguardError, match="advances: is 8, and is no setting any more"):
+        make_monitor({**data["monitor"], "advances": 8}, robot, table)
+    del data["monitor"]["scale_rise"]
+    with pytest.raises(KeyError, match="scale_rise"):
+        make_monitor(data["monitor"], robot, table)
 
 
 def test_settings_are_changed_by_name():
@@ -98,7 +100,7 @@ def test_settings_are_changed_by_name():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"colour": "red"}, "setting 'colour': is not known; expected one of reaction_time"),
+        ({"colour": "red"}, "setting 'colour': is not known; expected one of rate, schedule"),
         ({"latency": "soon"}, "latency: is 'soon'; expected a number"),
         ({"latency": "nan"}, "latency: is 'nan'"),
         ({"budget": "1.5"}, "budget: is '1.5'"),

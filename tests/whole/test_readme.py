@@ -171,9 +171,9 @@ def test_links_lead_somewhere():
 
 
 def test_defaults_in_words_are_those_of_the_code():
-    from armguard import Monitor, Obstacles
+    from armguard import Obstacles, Settings
 
-    monitor = inspect.signature(Monitor).parameters
+    usual = Settings()
     for name, words in {
         "aware_margin": "`aware_margin` (0.3 s)",
         "slow_margin": "`slow_margin` (0.1 s)",
@@ -181,7 +181,7 @@ def test_defaults_in_words_are_those_of_the_code():
         "source_timeout": "`source_timeout`, 0.2 s",
     }.items():
         assert any(words in page for page in PAGES.values()), words
-        assert f"{monitor[name].default} s" in words
+        assert f"{getattr(usual, name)} s" in words
     assert "at most 10 m/s² and 2 m/s" in README
     bounds = inspect.signature(Obstacles).parameters
     assert (bounds["accel"].default, bounds["speed"].default) == (10.0, 2.0)

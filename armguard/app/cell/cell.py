@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from armguard.app.cell.frames import Placement, place_bodies, read_rotation, resolve_frames
 from armguard.app.cell.schema import (
+    SETTINGS_TABLES,
     ArmTable,
     CellTables,
     IgnoreTable,
@@ -38,7 +39,6 @@ from armguard.monitor.monitor import Monitor
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
-from armguard.pairs.separation_rule import SeparationRule
 from armguard.people import BOUNDS
 from armguard.robot.description import (
     DESCRIPTION,
@@ -49,7 +49,9 @@ from armguard.robot.description import (
 )
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
-from armguard.scheduling.schedule import DEADLINE
+from armguard.settings.declarations import read_declarations
+from armguard.settings.schedule import DEADLINE
+from armguard.settings.settings import Settings
 from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.cloud_intake import OwnPoints
 from armguard.streams.keys import KeyPair
@@ -236,8 +238,11 @@ class Cell:
 
     def make_obstacles(self) -> Obstacles:
         """The table of obstacles, with its sources, frames, statics and entrances."""
-        bounds = given(self.tables.bounds)
-        bounds.pop("margin", None)
+        bounds = {
+            key: value
+            for key, value in given(self.tables.bounds).items()
+            if key not in read_declarations(Settings)
+        }
         bounds["bounds"] = self._patterns
         del bounds["of"]
         # An empty table says that there are no sources; none at all, that nothing is known of them.
@@ -368,19 +373,18 @@ class Cell:
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""
-        tables = self.tables
-        settings = {**given(tables.monitor), **given(tables.thresholds)}
-        margin = given(tables.bounds).get("margin")
-        if margin is not None:
-            settings["margin"] = margin
-        if tables.robot.payload is not UNSET:
-            settings["payload"] = tables.robot.payload
+        stated = {
+            key: value
+            for table in (*SETTINGS_TABLES, "robot")
+            for key, value in given(getattr(self.tables, table)).items()
+            if key in read_declarations(Settings)
+        }
         base = self.frames["base"]
         return {
-            **settings,
+            **stated,
             "ignore": self._expand_ignore(robot),
             "base_placement": pinocchio.SE3(base.rotation, base.translation),
-            "separation": self._attempt("", self._make_rule),
+            "separation": self.tables.separation,
             "operating": self._make_operating(robot),
         }
 
@@ -398,16 +402,6 @@ class Cell:
                 expected = f"one of {', '.join(BOUNDS)}, or {{ accel = …, speed = … }}"
                 raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
         return listed
-
-    def _make_rule(self) -> SeparationRule | None:
-        """The rule whose margin verdicts are to carry; None if the file does not ask for it."""
-        table = self.tables.separation
-        if table is None:
-            return None
-        numbers = given(table)
-        if table.human_speed == "own":
-            numbers["human_speed"] = None
-        return SeparationRule(**numbers)
 
     def _make_operating(self, robot: Robot) -> OperatingLimits | None:
         """What the controller keeps to; None if the file does not say."""
@@ -568,7 +562,7 @@ class Cell:
             return "ignore"
         if offender in ("payload", "level"):
             return f"robot.{offender}"
-        for table in ("monitor", "thresholds", "bounds"):
+        for table in SETTINGS_TABLES:
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"
         return ""

@@ -2,28 +2,31 @@
 
 Parsing is strict and every mistake is one `CellError` that names file, key, value and what was
 expected. A key that is absent leaves the matter to the default of the class that it configures,
-so no default is written down twice.
+so no default is written down twice. Settings of the monitor are not written down here either:
+`complete_tables` adds those that their record declares.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from armguard.exceptions import CellError
-from armguard.monitor.settings import REMOVED
+from armguard.settings.declarations import NotNegative, Positive, read_declarations
+from armguard.settings.separation_rule import SeparationRule
+from armguard.settings.settings import REMOVED, Settings
 from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
 
-Positive = Annotated[float, Meta(gt=0.0)]
-NotNegative = Annotated[float, Meta(ge=0.0)]
+Bound = Annotated[NotNegative, Meta(extra={"may_be_infinite": True})]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -72,11 +75,9 @@ class OperatingTable(_Table, frozen=True, kw_only=True):
     hard as the hardware can."""
 
 
-class RobotTable(_Table, frozen=True, kw_only=True):
-    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
+class _AnyArmTable(_Table, frozen=True, kw_only=True):
+    """What `[robot]` and `[[robots]]` say alike."""
 
-    name: Name | None = None
-    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
     urdf: Name | None = None
     """Path of the URDF of any other robot: its geometry and joints."""
     limits: Name | None = None
@@ -85,7 +86,8 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     package_dirs: list[Name] = []
     """Folders in which `package://` names of meshes are looked up. Beside `urdf` alone."""
     joints: list[Name] | None = None
-    """The joints to be watched. Beside `urdf` alone."""
+    """The joints to be watched: of one arm beside `urdf` alone, of several those that are this
+    arm's, by name or by pattern, such as `["left_*"]`."""
     cover: Name | None = None
     """Path of a cover.json, as `armguard cover` writes it."""
     level: Annotated[int, Meta(ge=0)] | None = None
@@ -97,6 +99,13 @@ class RobotTable(_Table, frozen=True, kw_only=True):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
+
+
+class RobotTable(_AnyArmTable, frozen=True, kw_only=True):
+    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
+
+    name: Name | None = None
+    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
 
 
 class StampTable(_Table, frozen=True, kw_only=True):
@@ -225,35 +234,17 @@ class ToolTable(_Table, frozen=True, kw_only=True):
     """By which the lengths of the mesh are multiplied: 0.001 for millimetres."""
 
 
-class ArmTable(_Table, frozen=True, kw_only=True):
+class ArmTable(_AnyArmTable, frozen=True, kw_only=True):
     """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
 
     name: Name
     """What the cell calls it, and what its joint states carry as `arm`; no other has it."""
     robot: Name | None = None
     """As `name` of `[robot]`. Either this or `urdf`."""
-    urdf: Name | None = None
-    """As in `[robot]`."""
-    limits: Name | None = None
-    """As in `[robot]`."""
-    package_dirs: list[Name] = []
-    """As in `[robot]`."""
-    joints: list[Name] | None = None
-    """The joints that are this arm's, by name or by pattern, such as `["left_*"]`."""
-    cover: Name | None = None
-    """As in `[robot]`."""
-    level: Annotated[int, Meta(ge=0)] | None = None
-    """As in `[robot]`."""
-    base: BaseTable = BaseTable()
-    """Where it stands."""
     calibration_error: NotNegative = 0.0
     """How far any of its points may be off because of where and how its base stands, in [m]; it
     counts where one arm is another's obstacle. A base that is turned by an angle moves the hand by
     that angle times the reach."""
-    payload: NotNegative | UnsetType = UNSET
-    """As in `[robot]`."""
-    operating: OperatingTable | Literal["published"] | UnsetType = UNSET
-    """As in `[robot]`."""
     tool: ToolTable | None = None
     """What is fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
@@ -261,16 +252,16 @@ class ArmTable(_Table, frozen=True, kw_only=True):
 
     def as_robot(self) -> RobotTable:
         """The same as `[robot]` of a cell in which there is no other arm."""
-        shared = {key: getattr(self, key) for key in RobotTable.__struct_fields__ if key != "name"}
+        shared = {key: getattr(self, key) for key in _AnyArmTable.__struct_fields__}
         return RobotTable(name=self.robot, **shared)
 
 
 class PatternTable(_Table, frozen=True, kw_only=True):
     """What the ids of one pattern can do, in `[bounds.of]`."""
 
-    accel: NotNegative
+    accel: Bound
     """Bound on the acceleration, in [m/s²]; may be inf."""
-    speed: NotNegative
+    speed: Bound
     """Bound on the speed, in [m/s]; may be inf."""
 
 
@@ -281,13 +272,11 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     first pattern that fits counts.
     """
 
-    accel: NotNegative | UnsetType = UNSET
+    accel: Bound | UnsetType = UNSET
     """Bound on the acceleration of an obstacle that says nothing else, in [m/s²]: at most 1000, or
     inf."""
-    speed: NotNegative | UnsetType = UNSET
+    speed: Bound | UnsetType = UNSET
     """Bound on its speed, in [m/s]: at most 100, or inf."""
-    margin: NotNegative | UnsetType = UNSET
-    """A distance that counts as contact already, in [m]."""
     extent: Positive | UnsetType = UNSET
     """How far from the origin of the world coordinates may be, in [m]."""
     of: dict[Name, Name | PatternTable] = {}
@@ -298,55 +287,9 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
 class MonitorTable(_Table, frozen=True, kw_only=True):
     """`[monitor]`: how often and how pairs are evaluated."""
 
-    rate: Positive | UnsetType = UNSET
-    """Ticks a second, in [Hz]."""
-    schedule: Name | UnsetType = UNSET
-    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
-    `"distance"` or `"daa"` (the paper's)."""
-    motion: Name | UnsetType = UNSET
-    """How the arm's possible motion is bounded: `"joint"`, `"planned"` (the controller
-    commits pieces of its path) or `"isotropic"` (far more cautious)."""
-    leave: Name | UnsetType = UNSET
-    """When joints may leave a committed piece and brake: `"never"`, or at `"any"` moment."""
-    max_staleness: Annotated[float, Meta(ge=0.0, lt=1.0)] | UnsetType = UNSET
-    """How stale an answer may look, as a fraction of itself, below 1."""
-    budget: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
-    """Evaluations in a tick after which the rest waits."""
-
 
 class ThresholdsTable(_Table, frozen=True, kw_only=True):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
-
-    reaction_time: NotNegative | UnsetType = UNSET
-    """From a STOP to braking torque, in [s]."""
-    latency: NotNegative | UnsetType = UNSET
-    """Of computing and transporting a verdict, in [s]."""
-    slow_margin: NotNegative | UnsetType = UNSET
-    """SLOW when contact could come this soon after the arm could have stopped, in [s]."""
-    aware_margin: NotNegative | UnsetType = UNSET
-    """AWARE within that time after the arm could have stopped, in [s]."""
-    rise_delay: NotNegative | UnsetType = UNSET
-    """Evidence that is needed before a level rises, after a reset as well, in [s]."""
-    scale_rise: Positive | UnsetType = UNSET
-    """By how much the speed scale rises in a second, at most, in [1/s]; it falls at once."""
-    source_timeout: Positive | UnsetType = UNSET
-    """Silence of sources that have no timeout of their own, in [s]."""
-    joint_timeout: Positive | UnsetType = UNSET
-    """Longest step between two joint states, and oldest state that is believed, in [s]. What is
-    longer or older is a STOP until a reset."""
-
-
-class SeparationTable(_Table, frozen=True, kw_only=True):
-    """`[separation]`: the usual rule's distance, whose margin each verdict is to carry."""
-
-    human_speed: NotNegative | Literal["own"] | UnsetType = UNSET
-    """At which people walk, in [m/s]; `"own"`: the bound of each obstacle."""
-    intrusion_distance: NotNegative | UnsetType = UNSET
-    """How far a person reaches before they are seen, in [m]."""
-    human_uncertainty: NotNegative | UnsetType = UNSET
-    """Added to the errors of the positions of obstacles, in [m]."""
-    robot_uncertainty: NotNegative | UnsetType = UNSET
-    """Added to those of the arm, in [m]."""
 
 
 class ClientTable(_Table, frozen=True, kw_only=True):
@@ -411,10 +354,37 @@ class CellTables(_Table, frozen=True, kw_only=True):
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
     """Times that decide about levels and faults."""
-    separation: SeparationTable | None = None
+    separation: SeparationRule | None = None
     """The usual rule's distance."""
     keys: KeysTable | None = None
     """Who may connect."""
+
+
+SETTINGS_TABLES: dict[str, type[_Table]] = {
+    "monitor": MonitorTable,
+    "thresholds": ThresholdsTable,
+    "bounds": BoundsTable,
+}
+"""Tables that have the settings which are declared to stand in them, beside what they have here."""
+
+
+@functools.cache
+def complete_tables(record: type[msgspec.Struct] = Settings) -> type[CellTables]:
+    """The tables of a whole cell file, with the keys that a record of settings declares."""
+    completed: list[tuple[str, type, Any]] = []
+    for key, table in SETTINGS_TABLES.items():
+        keys = [
+            (one.name, one.plain_type | UnsetType, UNSET)
+            for one in read_declarations(record).values()
+            if one.table == key and one.plain_type is not None
+        ]
+        kind = msgspec.defstruct(table.__name__, keys, bases=(table,), frozen=True, kw_only=True)
+        kind.__doc__ = table.__doc__
+        completed.append((key, kind, kind()))
+    tables: Any = msgspec.defstruct(
+        "CellTables", completed, bases=(CellTables,), frozen=True, kw_only=True
+    )
+    return tables
 
 
 _MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
@@ -459,7 +429,7 @@ def parse_cell(text: str, file: str, arm: str | None = None) -> CellTables:
         for name, entry in entries.items() if isinstance(entries, dict) else ():
             _convert(entry, kind, f"{table}.{name}", file)
     _check_patterns(raw.get("bounds"), file)
-    tables = _convert(raw, CellTables, "", file)
+    tables = _convert(raw, complete_tables(), "", file)
     if "robots" in raw:
         return _choose_arm(tables, raw, arm, file)
     if "robot" not in raw:
@@ -552,10 +522,10 @@ def _translate(
     field = re.search(r"(?:unknown|missing required) field `(.*)`", text)
     if field is None:
         expected = text.removeprefix("Expected ").partition(", got ")[0]
-        if text.startswith("Invalid enum value"):
-            expected = _choices(kind, steps)
-        elif " | " in expected and not isinstance(value, Mapping):
-            expected = _choices(kind, steps) if steps else expected
+        is_plain = re.search(r"Invalid enum|`(float|int)`| \| ", text) is not None
+        if is_plain and steps and not isinstance(value, Mapping):
+            declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
+            expected = expected if declared is None else declared.expected.removesuffix(", or None")
         return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
@@ -572,42 +542,11 @@ def _translate(
 
 def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
     for name, _ in steps:
-        for field in msgspec.structs.fields(kind) if name and issubclass(kind, _Table) else ():
+        is_table = name and issubclass(kind, msgspec.Struct)
+        for field in msgspec.structs.fields(kind) if is_table else ():
             if field.name == name:
                 # A table that may be left out is one of two types.
                 for one in (field.type, *get_args(field.type)):
-                    if isinstance(one, type) and issubclass(one, _Table):
+                    if isinstance(one, type) and issubclass(one, msgspec.Struct):
                         kind = one
     return kind
-
-
-_PLAIN_WORDS: dict[Any, str] = {
-    float: "a number",
-    int: "a whole number",
-    str: "text",
-    bool: "true or false",
-}
-"""What types are called in errors."""
-
-
-def _choices(kind: type, steps: list[tuple[str, str]]) -> str:
-    """What may stand at a place, in words."""
-    table = _table_at(kind, steps[:-1])
-    for field in msgspec.structs.fields(table):
-        if steps and field.name == steps[-1][0]:
-            words: list[str] = []
-            for one in get_args(field.type) or (field.type,):
-                one = getattr(one, "__origin__", one) if hasattr(one, "__metadata__") else one
-                if get_origin(one) is list:
-                    words.append("a list")
-                elif get_origin(one) is Literal:
-                    words += [repr(choice) for choice in get_args(one)]
-                elif isinstance(one, type) and issubclass(one, _Table):
-                    words.append("a table")
-                elif one in _PLAIN_WORDS:
-                    words.append(_PLAIN_WORDS[one])
-                elif not isinstance(one, type) and one is not UnsetType:
-                    words.append(repr(one))
-            if words:
-                return words[0] if len(words) == 1 else f"one of {', '.join(words)}"
-    return "another value"

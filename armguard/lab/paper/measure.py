@@ -21,7 +21,7 @@ from armguard.lab.rows import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 from armguard.scheduling.paper.partition import PartitionLaw
-from armguard.scheduling.schedule import Schedule
+from armguard.settings.schedule import Schedule
 
 PERIODS = (0.05, 0.001)
 """Of the paper's experiment, and of armguard's default, in [s]."""

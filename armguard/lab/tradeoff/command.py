@@ -29,6 +29,7 @@ from armguard.lab.tradeoff.scene import Site, find_published, make_scene
 from armguard.lab.tradeoff.study import run_study
 from armguard.lab.tradeoff.touching import add_touching
 from armguard.lab.trial import SECONDS, make_visit
+from armguard.monitor.settings import read_settings
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.provenance import describe_provenance
 from armguard.robot.robot import Robot
@@ -124,7 +125,7 @@ def _make_site(cell: Path | None, robot: str | None) -> Site:
     read = Cell.load(cell)
     arm = read.make_robot()
     settings = read.monitor_settings(arm)
-    rate = settings.get("rate", 1000.0)
+    rate = read_settings(None, settings).rate
     if not math.isclose(rate * 0.1, round(rate * 0.1)):
         raise ArmguardError(
             f"{cell}: monitor.rate", f"is {rate:g}", expected="a multiple of 10 Hz for a study"

@@ -20,13 +20,12 @@ from armguard.lab.rows import Row, pack_array, unpack_array
 from armguard.lab.tradeoff.ladder import BY_TIME, Setting
 from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.settings import read_settings
 from armguard.scheduling.paper.daa import DaaSchedule
+from armguard.settings.settings import Settings
 from armguard.verdict import Level
 
 Array = NDArray[np.float64]
-
-RATE, RISE_DELAY = 1000.0, 0.3
-"""Of a monitor that is told none: ticks a second, and [s]."""
 
 
 class Track(NamedTuple):
@@ -114,7 +113,7 @@ class Contestant:
         self.setting, self._site, self._scene = setting, site, scene
         self._robot = copy.copy(site.robot)
         self._robot.cover = cover
-        self.rate = float(setting.monitor(site.settings).get("rate", RATE))
+        self.rate = self._make_settings()[0].rate
         self._ticks = round(scene.seconds * self.rate)
         self._prepare()  # once for the kernels, which all settings share
         tracemalloc.start()
@@ -126,19 +125,22 @@ class Contestant:
         finally:
             tracemalloc.stop()
 
+    def _make_settings(self) -> tuple[Settings, DaaSchedule | None]:
+        """Of a monitor; and its schedule, if that is the paper's."""
+        keywords = self.setting.monitor(self._site.settings)
+        schedule = keywords.get("schedule")
+        if not isinstance(schedule, tuple):
+            return read_settings(None, keywords), None
+        del keywords["schedule"]
+        daa = DaaSchedule(read_settings(None, keywords).period, schedule[1])
+        return read_settings(None, {**keywords, "schedule": daa}), daa
+
     def _prepare(self) -> None:
-        settings = self.setting.monitor(self._site.settings)
-        self._daa = None
-        if isinstance(settings.get("schedule"), tuple):
-            self._daa = settings["schedule"] = DaaSchedule(1.0 / self.rate, settings["schedule"][1])
+        settings, self._daa = self._make_settings()
         self.obstacles = self._site.make_obstacles()
-        self.monitor = Monitor(self._robot, self.obstacles, **settings)
-        made = self.monitor.settings
-        self.response = made.response_time + made.reaction_time
-        self._rise_delay = made.rise_delay
-        self._speeds = self._robot.velocity_limit
-        if made.operating is not None:
-            self._speeds = made.operating.resolve(self._robot)[0]
+        self.monitor = Monitor(self._robot, self.obstacles, settings)
+        self.response, self._rise_delay = settings.braking_delay, settings.rise_delay
+        self._speeds = settings.put_in_force(self._robot).velocity
         self.intake: list[float] = []
         self.begun = 0.0
         self._tick = self._message = 0

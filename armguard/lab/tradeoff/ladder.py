@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 from armguard.cover.cover import DEFAULT_PROTRUSION, Cover
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import PUBLISHED
+from armguard.settings.declarations import read_declarations
+from armguard.settings.settings import Settings
 
 DEFAULT, FINEST = "default", "finest"
 """Names of two settings: what a user has who chooses nothing, and what the rest is held against."""
@@ -79,12 +81,19 @@ class Setting(NamedTuple):
         return next((rung.rule for rung in self.rungs if rung.rule), "")
 
 
-def _numbers(axis: str, values: Iterable[Any], unit: str = "") -> list[Rung]:
-    return [
-        Rung(axis, f"{value:,}{unit}" if isinstance(value, int) else f"{value:g}{unit}",
-             {axis: value})
-        for value in values
-    ]  # fmt: skip
+def _list_numbers() -> dict[str, list[Rung]]:
+    """By setting that is a number, what its record has as examples."""
+    return {
+        one.name: [_step(one.name, value) for value in one.examples]
+        for one in read_declarations(Settings).values()
+        if one.is_number and one.examples
+    }
+
+
+def _step(axis: str, value: float) -> Rung:
+    unit = " Hz" if axis == "rate" else ""
+    number = f"{value:,}" if isinstance(value, int) else f"{value:g}"
+    return Rung(axis, f"{number}{unit}", {axis: value})
 
 
 def _daa(law: str) -> Rung:
@@ -110,9 +119,7 @@ AXES: dict[str, list[Rung]] = {
         _daa("powers"),
         _daa("fibonacci"),
     ],
-    "max_staleness": _numbers("max_staleness", (0.0, 0.05, 0.25, 0.5)),
-    "rate": [Rung("rate", f"{rate} Hz", {"rate": float(rate)}) for rate in (100, 200, 500, 2000)],
-    "budget": _numbers("budget", (16, 64, 256, 1024)),
+    **_list_numbers(),
 }
 """By name, what can be chosen instead of the default."""
 
@@ -171,8 +178,9 @@ def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
     if rung.axis == OPERATING:
         # Limits that a cell states stand in the place of those that are published.
         return (rung.monitor["operating"] is None) == (usual.get("operating") is None)
+    declared = read_declarations(Settings)
     return bool(rung.monitor) and not rung.rule and all(
-        name in usual and usual[name] == value for name, value in rung.monitor.items()
+        usual.get(name, declared[name].default) == value for name, value in rung.monitor.items()
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.choice import choose_settings
 from armguard.lab.rows import MACHINE, Measure, Row, Rows, Tell
 from armguard.lab.tradeoff.adversary import Adversary, Body
-from armguard.lab.tradeoff.contestant import RATE, Contestant, Run, Track
+from armguard.lab.tradeoff.contestant import Contestant, Run, Track
 from armguard.lab.tradeoff.covers import Covers
 from armguard.lab.tradeoff.figures import Figures, Hunted, compute_figures, find_front
 from armguard.lab.tradeoff.growth import Grown, list_sizes, measure_size
@@ -37,6 +37,7 @@ from armguard.lab.tradeoff.ladder import (
 from armguard.lab.tradeoff.scene import Message, Scene, Site
 from armguard.lab.tradeoff.truth import Contact, TrueArm, find_contacts
 from armguard.lab.trial import list_ticks, make_setting
+from armguard.monitor.settings import read_settings
 from armguard.monitor.trial import Choice
 
 TURN = 0.1
@@ -207,7 +208,7 @@ def run_study(
 
 def _choose(site: Site, trial: Scene, outcomes: list[Outcome]) -> Choice | None:
     """What `Monitor.auto` chooses there; None, and noted why, where it has no choice."""
-    ticks = list_ticks(trial, float(site.settings.get("rate", RATE)))
+    ticks = list_ticks(trial, read_settings(None, site.settings).rate)
     try:
         return choose_settings(
             site.robot,

@@ -6,15 +6,11 @@ without a look. So numbers are checked before anything changes, and a doubtful t
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
-
-Measure: TypeAlias = Literal["contact_time", "distance"]
 
 
 def read_pairs(pairs: ArrayLike) -> IntArray:

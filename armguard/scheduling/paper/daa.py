@@ -27,7 +27,6 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.scheduling.paper.arguments import (
-    Measure,
     read_contact_times,
     read_pairs,
     refuse_known,
@@ -40,6 +39,7 @@ from armguard.scheduling.paper.partition import (
     compute_ticks_until_turn,
     make_partition,
 )
+from armguard.settings.schedule import Measure
 
 SortLaw: TypeAlias = Literal["partial", "total"]
 

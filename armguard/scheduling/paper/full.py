@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.scheduling.paper.arguments import (
-    Measure,
     read_contact_times,
     read_pairs,
     refuse_known,
     refuse_settle,
     refuse_unknown,
 )
+from armguard.settings.schedule import Measure
 
 
 class FullSchedule:
