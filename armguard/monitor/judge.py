@@ -23,7 +23,17 @@ from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
-from armguard.verdict import BRAKE, FINISH, Effect, Held, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import (
+    BRAKE,
+    FINISH,
+    Effect,
+    Held,
+    Level,
+    Reason,
+    ReasonKind,
+    Verdict,
+    sort_reasons,
+)
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
@@ -166,6 +176,8 @@ class Judge:
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
             reasons.append(self._tell_contact(pair, contact_time))
+        if len(reasons) > 1:
+            sort_reasons(reasons)
         rule.keep_cause(tick.now, contact_time, stop_time, reasons)
         cause = None
         if held:
