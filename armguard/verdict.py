@@ -67,6 +67,13 @@ class ReasonKind(enum.Enum):
         "camera that pauses. Nothing came near: with data of their usual age the level would be "
         "the one that the detail names.",
     )
+    LATE_DATA_UNKNOWN = (
+        "late data, effect unknown",
+        Effect.NOTE,
+        "Find out what held up the source or the joint states, as for late data. More was near "
+        "than could be looked up, so it is not known which level data of their usual age would "
+        "give.",
+    )
     HOLD = (
         "waiting for evidence before the level rises",
         Effect.NOTE,
@@ -310,7 +317,7 @@ def _weigh(kind: ReasonKind) -> int:
         return 1
     if kind.effect is Effect.STANDING:
         return 2
-    notes = ReasonKind.LATE_DATA, ReasonKind.CONTACT
+    notes = ReasonKind.LATE_DATA, ReasonKind.LATE_DATA_UNKNOWN, ReasonKind.CONTACT
     return 3 + (notes.index(kind) if kind in notes else len(notes))
 
 

@@ -86,6 +86,8 @@ def describe_settings(monitor: Monitor) -> dict[str, Any]:
                     "timeout": source.timeout,
                     "required": source.required,
                     "on_refusal": source.on_refusal,
+                    "latency": source.latency,
+                    "rate": source.rate,
                 }
                 for source in table.sources
             ],

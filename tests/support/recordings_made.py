@@ -4,9 +4,11 @@ import contextlib
 import os
 import time
 
+from armguard.obstacles import Obstacles, Source
 from armguard.recording import Recorder, Recording
 from armguard.recording.events import VerdictTold, read_verdict
 from support import eventful_runs
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, see
 
 PATIENCE = 60.0
 
@@ -18,6 +20,21 @@ def record(path, motion="joint", *, robot=None, **options):
         answers = eventful_runs.drive(monitor, obstacles, **options)
         assert recorder.close() == ""
     return answers
+
+
+def record_pause(path):
+    """A run beside a hand whose camera pauses for 170 ms, which stops the arm; its verdicts."""
+    source = Source("camera", latency=0.005, rate=100.0)
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[source]))
+    verdicts = []
+    with Recorder(path, monitor) as recorder:
+        for tick in range(1200):
+            now = tick * PERIOD
+            if tick % 10 == 0 and not 0.8 <= now < 0.97:
+                see(obstacles, now - 0.005, [0.95, 0.0, 0.5], ("hand",), source="camera")
+            verdicts.append(monitor.step(now, HOME, STILL, now))
+        assert recorder.close() == ""
+    return verdicts
 
 
 def read_events(path):
