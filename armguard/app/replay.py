@@ -510,8 +510,8 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
     verdict = tick.recorded
     why = tell_why(since.recorded)
     lines = [
-        f"{tell_time(tick)}: {verdict.level.name}, contact possible in "
-        f"{verdict.contact_time:.3f} s, at rest in {verdict.stop_time:.3f} s",
+        f"{tell_time(tick)}: {verdict.level.name}, contact time "
+        f"{verdict.contact_time:.3f} s, stop time {verdict.stop_time:.3f} s",
         f"{verdict.level.name} since {tell_time(since)}" + (f": {why}" if why else ""),
         *(f"because: {reason}" for reason in verdict.reasons),
     ]

@@ -461,7 +461,7 @@ class CommittedPieces:
         reason = Reason(
             ReasonKind.PLAN_UNSAFE,
             f"{found.link} and {found.obstacle}",
-            f"contact possible in {found.time:.4g} s",
+            f"contact time {found.time:.4g} s",
         )
         return PlanVerdict(False, found.time, found.link, found.obstacle, (reason,))
 

@@ -146,9 +146,8 @@ def test_a_verdict_is_explained_by_either_clock(path, capsys):
     assert abs(float(re.match(r"(\S+) s", by_day)[1]) - tick.now) < 0.01
     verdict = tick.recorded
     assert by_monitor.startswith(f"{tick.now:.3f} s (")
-    assert (
-        f"): {verdict.level.name}, contact possible in {verdict.contact_time:.3f} s" in by_monitor
-    )
+    times = f"contact time {verdict.contact_time:.3f} s, stop time {verdict.stop_time:.3f} s"
+    assert f"): {verdict.level.name}, {times}" in by_monitor
     for reason in verdict.reasons:
         assert f"because: {reason}" in by_monitor
     assert "pair: panda_" in by_monitor
