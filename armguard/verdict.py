@@ -7,6 +7,7 @@ Whatever is unknown counts as the worst case, which is STOP.
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 if TYPE_CHECKING:
@@ -66,6 +67,13 @@ class ReasonKind(enum.Enum):
         "Find out what held up the source or the joint states: a busy processor, a network, a "
         "camera that pauses. Nothing came near: with data of their usual age the level would be "
         "the one that the detail names.",
+    )
+    LATE_DATA_UNKNOWN = (
+        "late data, effect unknown",
+        Effect.NOTE,
+        "Find out what held up the source or the joint states, as for late data. More was near "
+        "than could be looked up, so it is not known which level data of their usual age would "
+        "give.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
@@ -300,6 +308,35 @@ class Reason(NamedTuple):
     def __str__(self) -> str:
         text = f"{self.kind.text}: {self.subject}" if self.subject else self.kind.text
         return f"{text} ({self.detail})" if self.detail else text
+
+
+def _weigh(kind: ReasonKind) -> int:
+    """The place of a kind among the others: what latches first, mere notes last."""
+    if kind.effect is Effect.LATCHED:
+        return 0
+    if kind is ReasonKind.HOLD:
+        return 1
+    if kind.effect is Effect.STANDING:
+        return 2
+    notes = ReasonKind.LATE_DATA, ReasonKind.LATE_DATA_UNKNOWN, ReasonKind.CONTACT
+    return 3 + (notes.index(kind) if kind in notes else len(notes))
+
+
+_WEIGHTS = {kind: _weigh(kind) for kind in ReasonKind}
+
+
+def sort_reasons(reasons: list[Reason]) -> None:
+    """Put the weightiest reasons first, in place; equal ones stay in their order."""
+    reasons.sort(key=lambda reason: _WEIGHTS[reason.kind])
+
+
+def find_weightiest(reasons: Iterable[Reason]) -> Reason | None:
+    """The weightiest reason, in whatever order they are; None where there is none.
+
+    HOLD is left out: it says only that another one was weightier before.
+    """
+    causes = (reason for reason in reasons if reason.kind is not ReasonKind.HOLD)
+    return min(causes, key=lambda reason: _WEIGHTS[reason.kind], default=None)
 
 
 class Held(NamedTuple):

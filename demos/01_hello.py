@@ -17,7 +17,7 @@ def main() -> None:
         verdict = monitor.step(now, q, v)
         if verdict.level is not level:
             level = verdict.level
-            print(f"{now:5.3f} s: {level.name}, contact possible in {verdict.contact_time:.3f} s")
+            print(f"{now:5.3f} s: {level.name}, contact time {verdict.contact_time:.3f} s")
 
 
 if __name__ == "__main__":

@@ -117,13 +117,13 @@ def draw_levels() -> None:
         drawing.text(left - 8, at(0.0, time)[1] + 4, f"{time:g} s", anchor="end")
     drawing.line([at(now, tau) for now, tau, _, _ in told[::20]], INK)
     drawing.line([at(now, stop) for now, _, stop, _ in told[::20]], COLOURS["STOP"], "5 4")
-    drawing.text(left + 330, 75, "contact possible in", anchor="start")
+    drawing.text(left + 330, 75, "contact time", anchor="start")
     drawing.text(
-        left + 8, at(0.0, told[0][2])[1] - 8, "time to stop", anchor="start", fill=COLOURS["STOP"]
+        left + 8, at(0.0, told[0][2])[1] - 8, "stop time", anchor="start", fill=COLOURS["STOP"]
     )
     for now in range(5):
         drawing.text(at(float(now), 0.0)[0], base + 40, f"{now} s")
-    drawing.save("levels.svg", "Contact time falls towards the time to stop, and the level with it")
+    drawing.save("levels.svg", "Contact time falls towards the stop time, and the level with it")
 
 
 def draw_certificates() -> None:
@@ -149,7 +149,7 @@ def draw_certificates() -> None:
         drawing.text(left - 8, y + 4, f"{time:g} s", anchor="end")
     places = [(x[tick], 170 - 150 * (tau - low) / (high - low)) for tick, tau, _ in told]
     drawing.line(places, INK)
-    drawing.text(left + 10, 15, "contact possible in", anchor="start")
+    drawing.text(left + 10, 15, "contact time", anchor="start")
     most = max(count for _, _, count in told)
     for tick, _, count in told:
         if count:

@@ -2,7 +2,15 @@ import itertools
 
 import pytest
 
-from armguard.verdict import Effect, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import (
+    Effect,
+    Level,
+    Reason,
+    ReasonKind,
+    Verdict,
+    find_weightiest,
+    sort_reasons,
+)
 
 
 def test_levels_are_ordered():
@@ -16,6 +24,29 @@ def test_every_reason_says_what_it_does():
     for kind, subject, detail in itertools.product(ReasonKind, ("", "cam"), ("", "3 > 2")):
         text = str(Reason(kind, subject, detail))
         assert all(part in text for part in (kind.text, subject, detail))
+
+
+def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
+    kinds = [
+        ReasonKind.JOINT_STATE_GAP,
+        ReasonKind.HOLD,
+        ReasonKind.SOURCE_SILENT,
+        ReasonKind.LATE_DATA,
+        ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.CONTACT,
+        ReasonKind.OBSTACLE_REFUSED,
+        ReasonKind.NO_SOURCES_EXPECTED,
+    ]
+    in_order = [Reason(kind) for kind in kinds]
+    # The two notes weigh the same, and stay in their order.
+    for turn in range(6):
+        reasons = [*in_order[turn:6], *in_order[:turn], *in_order[6:]]
+        sort_reasons(reasons)
+        assert reasons == in_order
+    assert find_weightiest(reversed(in_order)) == in_order[0]
+    for first in range(1, len(kinds)):
+        assert find_weightiest(in_order[first:]) == in_order[max(first, 2)]
+    assert find_weightiest([Reason(ReasonKind.HOLD)]) is None
 
 
 def test_a_verdict_is_frozen():

@@ -189,7 +189,7 @@ def _describe(verdict: Verdict) -> str:
     if not verdict.reasons:
         if verdict.link is None:
             return "no contact possible"
-        return f"contact possible in {verdict.contact_time:.3g} s"
+        return f"contact time {verdict.contact_time:.3g} s"
     told = "; ".join(map(str, verdict.reasons[:_REASONS]))
     more = len(verdict.reasons) - _REASONS
     return f"{told}; {more} more reasons" if more > 0 else told

@@ -33,7 +33,7 @@ from armguard.recording.reading import Recording
 from armguard.recording.recorder import Recorder, check_new
 from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
 from armguard.robot.description import list_robots
-from armguard.verdict import Level, ReasonKind, Verdict
+from armguard.verdict import Level, Verdict, find_weightiest
 from armguard.view.export import check_export
 from armguard.view.messages import StatusMessage
 from armguard.view.process import ViewProcess, launch
@@ -388,7 +388,7 @@ class StopList:
             self.new += kept
         elif not self._is_stopped:
             self._is_stopped = True
-            self.stops.append(Stop(now, now, weightiest(verdict), 1, int(kept)))
+            self.stops.append(Stop(now, now, tell_why(verdict) or "no reason", 1, int(kept)))
         else:
             last = self.stops[-1]
             self.stops[-1] = last._replace(end=now, ticks=last.ticks + 1, kept=last.kept + kept)
@@ -471,16 +471,12 @@ def tell_time(tick: ReplayedTick) -> str:
     return f"{tick.now:.3f} s ({moment:%H:%M:%S}.{moment.microsecond // 1000:03d})"
 
 
-def weightiest(verdict: Verdict) -> str:
-    """The weightiest reason of a verdict in words."""
-    for reason in verdict.reasons:
-        if reason.kind is not ReasonKind.HOLD:
-            return str(reason)
-    return str(verdict.reasons[0]) if verdict.reasons else "no reason"
-
-
-def _tell_why(verdict: Verdict) -> str:
-    return f": {weightiest(verdict)}" if verdict.reasons else ""
+def tell_why(verdict: Verdict) -> str:
+    """What began the level of a verdict, in words; empty where that is not known."""
+    if verdict.held is not None:
+        return verdict.held.describe_cause()
+    reason = find_weightiest(verdict.reasons)
+    return "" if reason is None else str(reason)
 
 
 def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
@@ -489,10 +485,11 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
     if tick is None or since is None:
         return []
     verdict = tick.recorded
+    why = tell_why(since.recorded)
     lines = [
-        f"{tell_time(tick)}: {verdict.level.name}, contact possible in "
-        f"{verdict.contact_time:.3f} s, at rest in {verdict.stop_time:.3f} s",
-        f"{verdict.level.name} since {tell_time(since)}{_tell_why(since.recorded)}",
+        f"{tell_time(tick)}: {verdict.level.name}, contact time "
+        f"{verdict.contact_time:.3f} s, stop time {verdict.stop_time:.3f} s",
+        f"{verdict.level.name} since {tell_time(since)}" + (f": {why}" if why else ""),
         *(f"because: {reason}" for reason in verdict.reasons),
     ]
     if not tick.is_identical:

@@ -12,7 +12,7 @@ from rich.text import Text
 from armguard.app.loop import LoopReport, Spread
 from armguard.app.realtime import Realtime
 from armguard.streams.faults import quote
-from armguard.verdict import Effect, Level, ReasonKind, Verdict
+from armguard.verdict import Effect, Level, Verdict, find_weightiest
 
 REASONS_SHOWN = 8
 """Most reasons of stops in the table; `--json` has all that are told apart."""
@@ -164,11 +164,11 @@ class VerdictCounts:
     def _count_reason(self, verdict: Verdict) -> None:
         """Count the weightiest reason of a stop; figures would make each one of its own."""
         reason = "no reason"
-        for one in verdict.reasons:
-            if one.kind is not ReasonKind.HOLD:
-                subject = quote(one.subject)
-                reason = f"{one.kind.text}: {subject}" if subject else one.kind.text
-                break
+        weightiest = find_weightiest(verdict.reasons)
+        if weightiest is not None:
+            subject = quote(weightiest.subject)
+            text = weightiest.kind.text
+            reason = f"{text}: {subject}" if subject else text
         if reason not in self.reasons and len(self.reasons) >= REASON_LIMIT:
             reason = "other reasons"
         self.reasons[reason] += 1

@@ -24,7 +24,7 @@ from armguard.monitor.reports import Snapshot
 from armguard.obstacles.table import MOST_REFUSED
 from armguard.robot.portable import describe_robot
 from armguard.robot.robot import Robot
-from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict, find_weightiest
 from armguard.view.buckets import count_buckets
 from armguard.view.messages import (
     Balls,
@@ -373,9 +373,10 @@ def _describe_cause(verdict: Verdict, now: float) -> str:
     """What a verdict that takes on a level rests on, in words; empty where it is latched."""
     held = verdict.held
     if held is None:
-        if not verdict.reasons:
+        reason = find_weightiest(verdict.reasons)
+        if reason is None:
             return ""
-        held = Held(verdict.reasons[0], verdict.contact_time, verdict.stop_time, now, now)
+        held = Held(reason, verdict.contact_time, verdict.stop_time, now, now)
     is_latched = held.reason is not None and held.reason.kind.effect is Effect.LATCHED
     return "" if is_latched else held.describe_cause()
 

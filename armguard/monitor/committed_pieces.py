@@ -460,7 +460,7 @@ class CommittedPieces:
         if found.time == math.inf:
             return None
         link, obstacle = (None, None) if found.pair < 0 else scheduler.arm.names(found.pair)
-        detail = f"contact possible in {found.time:.4g} s"
+        detail = f"contact time {found.time:.4g} s"
         reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
 

@@ -71,8 +71,8 @@ class Explanation(NamedTuple):
 
     def __str__(self) -> str:
         lines = [
-            f"{self.link} and {self.obstacle}: contact possible in {self.contact_time:.3f} s "
-            f"by the {self.bound} bound, at rest in {self.stop_time:.3f} s",
+            f"{self.link} and {self.obstacle}: contact time {self.contact_time:.3f} s "
+            f"by the {self.bound} bound, stop time {self.stop_time:.3f} s",
             f"obstacle seen {1e3 * self.obstacle_age:.1f} ms ago, arm {1e3 * self.arm_age:.1f} ms, "
             f"pair looked at {1e3 * self.look_age:.1f} ms ago; a look now says "
             f"{self.fresh_contact_time:.3f} s",

@@ -19,7 +19,16 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.settings import Settings
-from armguard.verdict import BRAKE, FINISH, Effect, Level, Reason, ReasonKind, Verdict
+from armguard.verdict import (
+    BRAKE,
+    FINISH,
+    Effect,
+    Level,
+    Reason,
+    ReasonKind,
+    Verdict,
+    sort_reasons,
+)
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
@@ -167,6 +176,8 @@ class Judge:
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
             reasons.append(self._tell_contact(pair, contact_time))
+        if len(reasons) > 1:
+            sort_reasons(reasons)
         rule.keep_cause(tick.now, contact_time, stop_time, reasons)
         cause = None
         if held:

@@ -25,18 +25,23 @@ from armguard.settings.settings import Settings
 from armguard.verdict import Level, Reason, ReasonKind
 
 SAMPLING = 0.01
-"""Between two looks at all ages, in [s]."""
+"""All ages are sampled once in each such time, in [s]."""
+GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Its multiples spread evenly between two whole numbers. So samples of ages come at all phases of
+a regular source, whatever its rate, and at the same instants in a replay."""
 SAMPLES = 1000
 """Ages of each source that are remembered: those of 10 s."""
 FEWEST_SAMPLES = 50
 """Ages from which a usual one is found."""
-UNUSUAL = 2.0
-"""Times its usual age, beyond which data are late. Between two messages age rises from the latency
-to the latency and a period; that is at most twice the median."""
+UNUSUAL, UPPER_SHARE, UNUSUAL_UPPER = 2.0, 0.75, 1.5
+"""Data are late that are older than so many times the median, and than so many times the age below
+which that share of ages lies. Between two messages age rises from the latency to the latency and a
+period. That is twice the median where there is no latency; the second limit then leaves an eighth
+of a period for jitter, and for the grid of ticks."""
 SHORTEST, PER_OCTAVE, BINS = 1e-4, 8, 160
 """Ages are counted in bins: from 0.1 ms on, 8 for each doubling, up to 100 s. In [s]."""
-MOST_PAIRS = 256
-"""Pairs that are evaluated once more, at most; where there are more, nothing is said."""
+MOST_PAIRS = 128
+"""Pairs that are evaluated once more, at most: the most imminent ones."""
 
 LOOK_INTERVAL = 0.2
 """Between two looks at what fresh data would give, while the level is the same and the same sources
@@ -49,14 +54,19 @@ class UsualAge:
     """The median age of what a source has told, over the last 10 s.
 
     Args:
-        stated: In [s], until there are enough samples; None: not known until then.
+        latency: How old the data are when they come, in [s], as stated.
+        period: Between two messages, in [s], as stated; None: no age is usual until there are
+            enough samples.
 
     Attributes:
         median: In [s], to a tenth of itself; None while it is not known.
     """
 
-    def __init__(self, stated: float | None = None) -> None:
-        self.median = stated
+    def __init__(self, latency: float = 0.0, period: float | None = None) -> None:
+        self.median: float | None = None
+        self._latest_usual = math.inf
+        if period is not None:
+            self._set(latency + 0.5 * period, latency + UPPER_SHARE * period)
         self._counts = [0] * BINS
         self._ring = bytearray(SAMPLES)
         self._count = 0
@@ -75,10 +85,15 @@ class UsualAge:
         self._counts[place] += 1
         self._count += 1
         if self._count >= FEWEST_SAMPLES:
-            self.median = self._find_median()
+            self._set(self._find_quantile(0.5), self._find_quantile(UPPER_SHARE))
 
-    def _find_median(self) -> float:
-        left = 0.5 * min(self._count, SAMPLES)
+    def _set(self, median: float, upper: float) -> None:
+        self.median = median
+        self._latest_usual = max(UNUSUAL * median, UNUSUAL_UPPER * upper)
+
+    def _find_quantile(self, share: float) -> float:
+        """The age below which a share of the samples lies, in [s]."""
+        left = share * min(self._count, SAMPLES)
         place = 0
         while left > self._counts[place]:
             left -= self._counts[place]
@@ -87,10 +102,9 @@ class UsualAge:
 
     def find_lateness(self, age: float) -> float:
         """By how much an age exceeds the usual one, in [s]; 0 where that is not unusual."""
-        usual = self.median
-        if usual is None or not age > UNUSUAL * usual:
+        if self.median is None or not age > self._latest_usual:
             return 0.0
-        return age - usual
+        return age - self.median
 
 
 class LateData:
@@ -120,8 +134,10 @@ class LateData:
         self._rule = rule
         self._response_time = settings.response_time
         self._stopping = stopping
-        self._joint_age = UsualAge(settings.period)
+        # Until samples tell, joint states may come a tick late, and one in each tick.
+        self._joint_age = UsualAge(settings.period, settings.period)
         self._source_ages: list[UsualAge] = []
+        self._sample_number = 0
         self.reset()
         self._times = np.zeros(MOST_PAIRS)
         self._nodes = np.zeros(MOST_PAIRS, dtype=np.int64)
@@ -129,9 +145,9 @@ class LateData:
 
     def reset(self) -> None:
         """Time may start anew; usual ages stay what they are."""
-        self._sample_at = self._asked_at = -math.inf
+        self._slot = self._sample_at = self._asked_at = -math.inf
         self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
-        self._fresh = Level.STOP
+        self._fresh: Level | None = Level.STOP
         self._owners: list[int] = []
         self._lateness: dict[str, float] = {}
 
@@ -139,11 +155,17 @@ class LateData:
         """Take in the ages of a tick; most ticks take in nothing."""
         if tick.now < self._sample_at:
             return
-        self._sample_at = tick.now + SAMPLING
+        # One instant in each slot; after a pause slots begin anew.
+        slot = self._slot + SAMPLING
+        self._slot = slot if tick.now < slot + SAMPLING else tick.now
+        self._sample_number += 1
+        self._sample_at = self._slot + SAMPLING * (self._sample_number * GOLDEN_RATIO % 1.0)
         self._joint_age.add(tick.arm_age)
         sources = self._obstacles.source_states
         while len(self._source_ages) < len(sources):
-            self._source_ages.append(UsualAge())
+            source = sources[len(self._source_ages)].source
+            period = None if source.rate is None else 1.0 / source.rate
+            self._source_ages.append(UsualAge(source.latency, period))
         for state, ages in zip(sources, self._source_ages, strict=True):
             if state.heard:
                 ages.add(tick.now - state.newest)
@@ -151,8 +173,9 @@ class LateData:
     def explain(self, tick: Tick, level: Level) -> list[Reason]:
         """Reasons that name late data, where these alone have made the level of a tick so low.
 
-        What fresh data would give is looked up anew after `LOOK_INTERVAL`, and where the level is
-        another or other sources are late.
+        Where too many pairs are near to look that up, the reasons say so. What fresh data would
+        give is looked up anew after `LOOK_INTERVAL`, and where the level is another or other
+        sources are late.
 
         Args:
             tick: The tick.
@@ -167,7 +190,8 @@ class LateData:
             self._asked, self._asked_at = asked, tick.now
             self._fresh, self._owners = self._look(tick, level, arm_late, sources)
             self._lateness = {}
-        if not self._fresh > level:
+        fresh = self._fresh
+        if fresh is not None and not fresh > level:
             return []
         ages = {JOINT_STATES: (tick.arm_age, arm_late)} if arm_late > 0.0 else {}
         for owner in self._owners:
@@ -177,35 +201,41 @@ class LateData:
         if any(lateness < self._lateness.get(name, 0.0) for name, (_, lateness) in ages.items()):
             return []
         self._lateness = self._lateness or {name: late for name, (_, late) in ages.items()}
+        kind, told = ReasonKind.LATE_DATA_UNKNOWN, "more pairs are near than are looked up"
+        if fresh is not None:
+            kind, told = ReasonKind.LATE_DATA, f"with fresh data: {fresh.name}"
         return [
             Reason(
-                ReasonKind.LATE_DATA,
+                kind,
                 name,
-                f"{1e3 * age:.0f} ms old, usually {1e3 * (age - lateness):.0f} ms; with fresh "
-                f"data: {self._fresh.name}",
+                f"{1e3 * age:.0f} ms old, usually {1e3 * (age - lateness):.0f} ms; {told}",
             )
             for name, (age, lateness) in ages.items()
         ]
 
     def _look(
         self, tick: Tick, level: Level, arm_late: float, sources: dict[int, str]
-    ) -> tuple[Level, list[int]]:
+    ) -> tuple[Level | None, list[int]]:
         """The level that fresh data would give, and the numbers of the late sources that matter.
 
-        That is `level` where it is unknown, or no late data matter.
+        That is `level` where no late data matter, and None where it is unknown: what is less
+        imminent than the pairs that are evaluated could lower it as far.
         """
         horizon = tick.stop_time + self._rule.aware_margin
         listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
         near = listing.pairs[~(listing.expiry > tick.time + horizon)]
-        if not 0 < len(near) < MOST_PAIRS:
-            return level, []
         rows = np.unique(near // len(self._scheduler.arm.links))
         late = self._find_late_rows(rows, tick.now, sources)
-        if not (arm_late > 0.0 or late):
+        if not (len(near) and (arm_late > 0.0 or late)):
             return level, []
         owner = self._obstacles.table.owner
         owners = sorted({int(owner[row]) for row in late})
-        return self._grade(tick, near, arm_late, late), owners
+        fresh = self._grade(tick, near, arm_late, late)
+        if fresh > level and len(near) == MOST_PAIRS:
+            # What is not listed has certificates that last at least as long.
+            rest = self._rule.grade(float(listing.expiry[-1]) - tick.time, tick.stop_time)
+            return (min(fresh, rest) if rest > level else None), owners
+        return fresh, owners
 
     def compile(self, tick: Tick) -> None:
         """Run once what only some ticks need, so that nothing is compiled in a tick."""

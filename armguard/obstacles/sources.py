@@ -38,12 +38,17 @@ class Source:
         required: Whether silence counts before it has first spoken.
         on_refusal: What a sample of it that is refused means: "bound", it may be true, and is
             bounded as what is believed is; "stop", STOP for as long as it may be true.
+        latency: How old its data are when they come, in [s]. With `rate` it says which age is
+            usual at the start, so that verdicts can name late data; nothing else rests on it.
+        rate: Messages a second that it means to send, in [Hz]; None: not stated.
     """
 
     name: str
     timeout: float | None = None
     required: bool = True
     on_refusal: Literal["bound", "stop"] = "bound"
+    latency: float = 0.0
+    rate: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -63,6 +68,18 @@ class Source:
                 f"source {self.name!r}",
                 f"has on_refusal {self.on_refusal!r}",
                 expected='"bound" or "stop"',
+            )
+        if not 0.0 <= self.latency < math.inf:
+            raise ObstacleError(
+                f"source {self.name!r}",
+                f"has a latency of {self.latency}",
+                expected="a finite time in [s], at least 0",
+            )
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            raise ObstacleError(
+                f"source {self.name!r}",
+                f"has a rate of {self.rate}",
+                expected="a finite rate above 0 in [Hz], or None",
             )
 
 

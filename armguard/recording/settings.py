@@ -31,7 +31,7 @@ FORMS: Mapping[Any, tuple[str, ...]] = {
     OperatingLimits: ("velocity", "acceleration"),
     SeparationRule: SeparationRule.__struct_fields__,
     DaaSchedule: ("period", "law", "sort"),
-    Source: ("name", "timeout", "required", "on_refusal"),
+    Source: ("name", "timeout", "required", "on_refusal", "latency", "rate"),
 }
 """Attributes that stand for a value of these types."""
 

@@ -41,7 +41,7 @@ def test_each_change_of_level_is_told_with_its_weightiest_reasons():
     )
     assert lines == [
         "STOP  source silent: cam (0.3 s); contact possible: hand and ball (in 0.1 s)\n",
-        "CLEAR contact possible in 1 s\n",
+        "CLEAR contact time 1 s\n",
         f"SLOW  {CONTACT}; {HOLD}; {HOLD}; 2 more reasons\n",
         "CLEAR no contact possible\n",
     ]

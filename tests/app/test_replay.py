@@ -13,6 +13,7 @@ import pytest
 from armguard.app.cli import MISTAKE, main
 from armguard.app.processes import COMPLAINT
 from armguard.app.replay import COLUMNS, Pace, StopList, find_next, read_changes, read_time
+from armguard.app.summary import VerdictCounts
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording, Replay, ReplayedTick
 from armguard.recording.events import Gap
@@ -20,7 +21,7 @@ from armguard.robot import Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 from support import eventful_runs
 from support.bags_made import usual, write_bag
-from support.recordings_made import record
+from support.recordings_made import record, record_pause
 
 VERDICT = Verdict(0.0, 1, Level.CLEAR, 1.0, 0.1, 1.0, None, None, True, 0, (), 0.1)
 CONTACT = Reason(ReasonKind.CONTACT, "panda_hand and ball", "in 1 s")
@@ -145,15 +146,33 @@ def test_a_verdict_is_explained_by_either_clock(path, capsys):
     assert abs(float(re.match(r"(\S+) s", by_day)[1]) - tick.now) < 0.01
     verdict = tick.recorded
     assert by_monitor.startswith(f"{tick.now:.3f} s (")
-    assert (
-        f"): {verdict.level.name}, contact possible in {verdict.contact_time:.3f} s" in by_monitor
-    )
+    times = f"contact time {verdict.contact_time:.3f} s, stop time {verdict.stop_time:.3f} s"
+    assert f"): {verdict.level.name}, {times}" in by_monitor
     for reason in verdict.reasons:
         assert f"because: {reason}" in by_monitor
     assert "pair: panda_" in by_monitor
     assert f"{verdict.level.name} since " in by_monitor
     _, out, _ = run(capsys, path, "--explain", f"{tick.now}", "--json")
     assert "because: " in json.loads(out)["explained"]
+
+
+def test_a_stop_by_late_data_is_explained_as_one(tmp_path, capsys):
+    path = tmp_path / "late.mcap"
+    verdicts = record_pause(path)
+    counts = VerdictCounts()
+    for verdict in verdicts:
+        counts.count(verdict)
+    assert counts.reasons == {"late data: camera": 1}
+    begin = next(one.stamp for one in verdicts if one.level is Level.STOP)
+    code, out, _ = run(capsys, path, "--explain", f"{begin + 0.2}")
+    assert code == 0
+    assert re.search(
+        r"STOP since .*: late data: camera \(\d+ ms old, usually 10 ms; with fresh", out
+    )
+    assert "because: waiting for evidence before the level rises (STOP for 0.2 s: late data" in out
+    _, out, _ = run(capsys, path, "--json")
+    (stop,) = json.loads(out)["stops"]
+    assert stop["reason"].startswith("late data: camera")
 
 
 def test_stops_that_would_not_have_been_are_shown(path, capsys):

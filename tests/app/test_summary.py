@@ -181,6 +181,22 @@ def test_stops_are_counted_by_their_weightiest_reason():
     assert counts.reasons.total() == counts.stops
 
 
+def test_notes_are_no_reason_of_a_stop_and_late_data_are_told_apart_from_nearness():
+    note = Reason(ReasonKind.OBSTACLE_REFUSED, "ball")
+    contact = Reason(ReasonKind.CONTACT, "hand and ball", "in 0.1 s")
+    late = Reason(ReasonKind.LATE_DATA, "camera", "182 ms old, usually 10 ms")
+    unknown = late._replace(kind=ReasonKind.LATE_DATA_UNKNOWN)
+    counts = VerdictCounts()
+    for reasons in ((note, contact), (contact, late), (note, unknown, contact), (late, contact)):
+        counts.count(verdict(Level.STOP, reasons=reasons))
+        counts.count(verdict(Level.CLEAR))
+    assert counts.reasons == {
+        "contact possible: hand and ball": 1,
+        "late data: camera": 2,
+        "late data, effect unknown: camera": 1,
+    }
+
+
 def test_names_made_up_from_outside_neither_fill_the_memory_nor_move_the_cursor():
     counts = VerdictCounts()
     for number in range(1000):

@@ -9,6 +9,7 @@ import pytest
 
 from armguard import monitor as room_of_monitor
 from armguard.contact import certificate
+from armguard.obstacles import Obstacles
 from armguard.pairs import SeparationRule
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps
@@ -49,6 +50,28 @@ def test_what_is_near_says_by_which_bound():
     assert reason.subject == f"{verdict.link} and ball"
     assert reason.detail.endswith(f"by the {monitor.pairs(1)[0].bound} bound")
     assert f"{verdict.contact_time:.4g} s" in reason.detail
+
+
+@pytest.mark.parametrize("case", ["no sources", "refused", "exempt"])
+def test_what_holds_a_stop_is_the_weightiest_reason_and_no_note(case):
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]))
+    if case == "exempt":
+        see(obstacles, 0.0, FAR, ids=("part",))
+        monitor.ignore("panda_hand", "part", until=1.0)
+    obstacles.add_static("post", AT_HAND, radius=0.3)
+    if case == "refused":
+        see(obstacles, 0.0, FAR)
+        steps(monitor, 0, 1)
+        see(obstacles, 1e-3, [-20.0, 0.0, 0.5])
+    first = steps(monitor, 1, 1)[0]
+    assert {"no sources": ReasonKind.NO_SOURCES_EXPECTED}.get(case) in {None, *kinds(first)}
+    assert len(first.reasons) > 1
+    assert first.reasons[0].kind is ReasonKind.CONTACT
+    obstacles.remove(["post"], 2e-3)
+    held = steps(monitor, 2, 1)[0]
+    assert (held.level, held.reasons[0].kind) == (Level.STOP, ReasonKind.HOLD)
+    assert held.held.reason.kind is ReasonKind.CONTACT
+    assert "and post, contact time" in held.held.describe_cause()
 
 
 def test_the_certificate_is_about_the_pair_and_no_later_than_the_verdict():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.monitor.late_data import FEWEST_SAMPLES, SAMPLES, LateData, UsualAge
-from armguard.obstacles import Obstacles
+from armguard.obstacles import Obstacles, Source
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor
 
@@ -33,8 +33,44 @@ def watch(pause=(), held_up=(), distance=0.95, ticks=3000, schedule="deadline", 
     return verdicts
 
 
+def approach(source, rate, latency, phase, *, pause=(), ticks=1600, start=1.4):
+    """Verdicts beside a hand that comes nearer at 0.5 m/s, seen by a regular source.
+
+    Its samples are `phase` of a period late on the grid of ticks, and none are taken in the pause.
+    """
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[source]))
+    verdicts, number = [], 0
+    for k in range(ticks):
+        now = k * PERIOD
+        while (seen := (number + phase) / rate) + latency <= now:
+            if not (pause and pause[0] <= seen < pause[1]):
+                place = [[start - 0.5 * seen, 0.0, 0.5]]
+                velocity = [[-0.5, 0.0, 0.0]]
+                obstacles.update(["hand"], seen, place, velocity, radius=0.1, source="camera")
+            number += 1
+        verdicts.append(monitor.step(now, HOME, STILL, now))
+    return verdicts
+
+
+def watch_crowd(pause, count=60):
+    """Verdicts beside a hand and a crowd behind it, seen by a camera that pauses."""
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=["camera"]))
+    random, verdicts = np.random.default_rng(1), []
+    places = random.uniform([1.0, -0.4, 0.0], [1.6, 0.4, 1.5], (count, 3))
+    places[0] = 0.95, 0.0, 0.5
+    for k in range(1300):
+        now = k * PERIOD
+        if k % 10 == 0 and not pause[0] <= now < pause[1]:
+            ids = [f"body{number}" for number in range(count)]
+            velocities = np.zeros((count, 3))
+            obstacles.update(ids, now - LATENCY, places, velocities, radius=0.1, source="camera")
+        verdicts.append(monitor.step(now, HOME, STILL, now))
+    return verdicts
+
+
 def tell(verdict):
-    return [one for one in verdict.reasons if one.kind is ReasonKind.LATE_DATA]
+    late = ReasonKind.LATE_DATA, ReasonKind.LATE_DATA_UNKNOWN
+    return [one for one in verdict.reasons if one.kind in late]
 
 
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
@@ -52,6 +88,52 @@ def test_a_pause_of_a_camera_is_named_where_it_alone_stops_the_arm(schedule):
     # It is the weightiest reason, and what the STOP is held for.
     assert first.reasons[0] == reason
     assert all(one.held is None or one.held.reason.kind is ReasonKind.LATE_DATA for one in stops)
+
+
+@pytest.mark.parametrize("rate", [20, 30, 50, 100, 125, 200])
+def test_a_regular_source_is_never_late_and_a_pause_of_it_is_named(rate):
+    source = Source("camera", timeout=1.0)
+    for latency in (0.0, 0.001, 0.3 / rate, 1.7 / rate):
+        for phase in (0.0, 0.13, 0.5, 0.93):
+            verdicts = approach(source, rate, latency, phase)
+            assert min(one.level for one in verdicts) is Level.STOP
+            assert not any(tell(one) for one in verdicts)
+    for length in (0.15, 0.19):
+        pause = 1.0, 1.0 + length
+        verdicts = approach(source, rate, 0.005, 0.5, pause=pause, start=1.6)
+        told = [one for one in verdicts if tell(one)]
+        assert 100 < len(told) < 250
+        assert {one.reasons[0].kind for one in told} == {ReasonKind.LATE_DATA}
+
+
+def test_at_the_start_the_stated_latency_and_rate_say_what_is_usual():
+    def tell_first(**stated):
+        source = Source("camera", timeout=1.0, required=False, **stated)
+        pause = 0.2, 0.35
+        verdicts = approach(source, 100, 0.005, 0.5, pause=pause, ticks=400, start=1.1)
+        return next(filter(None, map(tell, verdicts)), [])
+
+    (reason,) = tell_first(latency=0.005, rate=100.0)
+    assert "usually 10 ms" in reason.detail
+    assert tell_first() == tell_first(latency=0.005) == []
+
+
+def test_in_a_crowd_the_most_imminent_pairs_tell():
+    stops = [one for one in watch_crowd((1.0, 1.17)) if one.level is Level.STOP and not one.held]
+    assert stops
+    for one in stops:
+        assert one.reasons[0].kind is ReasonKind.LATE_DATA
+        assert one.reasons[0].detail.endswith(("with fresh data: SLOW", "with fresh data: AWARE"))
+
+
+def test_where_too_many_pairs_are_near_the_late_source_is_named_without_a_level(monkeypatch):
+    monkeypatch.setattr("armguard.monitor.late_data.MOST_PAIRS", 1)
+    told = [one for verdict in watch_crowd((1.0, 1.19)) for one in tell(verdict)]
+    unknown = {one for one in told if one.kind is ReasonKind.LATE_DATA_UNKNOWN}
+    assert len(unknown) > 10
+    for one in unknown:
+        assert one.subject == "camera"
+        assert "usually 10 ms; more pairs are near than are looked up" in one.detail
 
 
 def test_late_joint_states_are_named_too():
@@ -106,4 +188,5 @@ def test_the_usual_age_is_the_median_of_the_last_samples():
     for odd in (-1.0, 0.0, np.inf, np.nan, 1e300):
         usual.add(odd)
     assert usual.find_lateness(np.nan) == 0.0
-    assert UsualAge(0.001).find_lateness(0.05) == pytest.approx(0.049)
+    assert UsualAge(0.0, 0.002).find_lateness(0.05) == pytest.approx(0.049)
+    assert UsualAge(0.004).find_lateness(0.05) == 0.0

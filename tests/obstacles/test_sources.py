@@ -14,6 +14,13 @@ def test_timeouts_are_checked(timeout):
         Source("a", timeout)
 
 
+@pytest.mark.parametrize("field", ["latency", "rate"])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+def test_what_is_stated_of_its_data_is_checked(field, value):
+    with pytest.raises(ObstacleError, match=field):
+        Source("a", **{field: value})
+
+
 def test_who_was_named_is_required_and_who_speaks_is_from_then_on():
     sources = Sources(["camera", Source("lidar", timeout=1.0), Source("guest", required=False)])
     assert [name for name, _ in sources.silent(0.0, 0.2)] == ["camera", "lidar"]

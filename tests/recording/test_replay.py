@@ -18,7 +18,7 @@ from support import eventful_runs
 from support.depth_camera import DepthCamera
 from support.eventful_runs import MOTIONS
 from support.panda_monitor import HOME, STILL, make_monitor
-from support.recordings_made import record
+from support.recordings_made import record, record_pause
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +91,17 @@ def test_clouds_and_entrances_are_replayed_to_the_bit(tmp_path):
     rows = obstacles.entrance_rows
     assert rows.tolist() == one.obstacles.entrance_rows.tolist()
     assert table.radius[rows].tolist() == again.radius[rows].tolist()
+
+
+def test_late_data_are_replayed_to_the_bit(tmp_path):
+    path = tmp_path / "late.mcap"
+    verdicts = record_pause(path)
+    assert any(
+        reason.kind is ReasonKind.LATE_DATA for verdict in verdicts for reason in verdict.reasons
+    )
+    ticks, report = run(Recording(path))
+    assert report.is_identical
+    assert repr([tick.replayed for tick in ticks]) == repr(verdicts)
 
 
 def test_a_break_of_another_arm_is_replayed_to_the_bit(tmp_path):

@@ -4,8 +4,10 @@ import contextlib
 import os
 
 from armguard.messages.answers import VerdictMessage, read_verdict
+from armguard.obstacles import Obstacles, Source
 from armguard.recording import Recorder, Recording
 from support import eventful_runs
+from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, see
 
 
 def record(path, motion="joint", *, robot=None, **options):
@@ -15,6 +17,21 @@ def record(path, motion="joint", *, robot=None, **options):
         answers = eventful_runs.drive(monitor, obstacles, **options)
         assert recorder.close() == ""
     return answers
+
+
+def record_pause(path):
+    """A run beside a hand whose camera pauses for 170 ms, which stops the arm; its verdicts."""
+    source = Source("camera", latency=0.005, rate=100.0)
+    obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[source]))
+    verdicts = []
+    with Recorder(path, monitor) as recorder:
+        for tick in range(1200):
+            now = tick * PERIOD
+            if tick % 10 == 0 and not 0.8 <= now < 0.97:
+                see(obstacles, now - 0.005, [0.95, 0.0, 0.5], ("hand",), source="camera")
+            verdicts.append(monitor.step(now, HOME, STILL, now))
+        assert recorder.close() == ""
+    return verdicts
 
 
 def read_events(path):

@@ -249,7 +249,14 @@ class Cell:
         sources = None
         if self.tables.sources is not UNSET:
             sources = [
-                Source(name, table.timeout, table.required, table.on_refusal)
+                Source(
+                    name,
+                    table.timeout,
+                    table.required,
+                    table.on_refusal,
+                    latency=table.latency,
+                    rate=table.rate,
+                )
                 for name, table in self.sources.items()
             ]
             sources += [Source(other.name) for other in self._other_arms]

@@ -29,6 +29,7 @@ USUAL = frozenset(
         ReasonKind.CROWD,
         ReasonKind.BUDGET_SPENT,
         ReasonKind.LATE_DATA,  # of a busy machine
+        ReasonKind.LATE_DATA_UNKNOWN,
     }
 )
 """What verdicts rest on where nothing is wrong."""
