@@ -42,8 +42,9 @@ def words_of(tmp_path, recording, monkeypatch):
     monkeypatch.setattr(growth, "COUNTS", (1,))
     monkeypatch.setattr(growth, "SECONDS", 0.02)
     monkeypatch.setattr(study, "MOMENTS", 1)
-    monkeypatch.setattr(paper, "SMALL_BALLS", (3, 8))
-    monkeypatch.setattr(paper, "SMALL_EVALUATIONS", 300)
+    monkeypatch.setattr(paper, "BALLS", (3, 8))
+    monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
+    monkeypatch.setattr(paper, "PERIODS", (0.05,))
     lines = [Line("radius", "1 m", SOUND)]
     monkeypatch.setattr(extremes, "measure_evaluations", lambda cases, seed: iter(lines))
     monkeypatch.setattr(extremes, "measure_ticks", lambda **how: iter([]))
@@ -74,7 +75,7 @@ def words_of(tmp_path, recording, monkeypatch):
         ),
         "faults": ([], "passed"),
         "extremes": ([], "lines"),
-        "paper": (["--small", "--no-plots", "--period", "0.05", "--out", out], "rows"),
+        "paper": (["--no-plots", "--out", out], "rows"),
     }
 
 
