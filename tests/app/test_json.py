@@ -46,8 +46,7 @@ def words_of(tmp_path, recording, monkeypatch):
     monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
     monkeypatch.setattr(paper, "PERIODS", (0.05,))
     lines = [Line("radius", "1 m", SOUND)]
-    monkeypatch.setattr(extremes, "measure_evaluations", lambda cases, seed: iter(lines))
-    monkeypatch.setattr(extremes, "measure_ticks", lambda **how: iter([]))
+    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (lines, True))
     found = CampaignReport([], [], Closest(0, 1.0, 0.5), 1.0)
     monkeypatch.setattr(command, "run_campaign", lambda faults, tell: found)
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
