@@ -97,7 +97,8 @@ def test_an_interrupt_while_a_command_starts_is_one_line(arguments, delay):
     if "KeyboardInterrupt" in err and str(ARMGUARD) not in err:
         pytest.skip("a busy machine: Python itself was still starting")
     assert "Traceback" not in err
-    assert command.returncode in (0, 2, 130), err  # 0 and 2: it had ended before
+    # 0 and 2: it had ended before. The signal: its interpreter was at its end, without handlers.
+    assert command.returncode in (0, 2, 130, -signal.SIGINT), err
     if command.returncode == 130:
         assert re.search(r"^armguard: interrupted.*\n\Z", err, re.MULTILINE)
 

@@ -22,7 +22,7 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from armguard.app.processes import describe_end
+from armguard.app.processes import describe_end, noted_interrupts
 from armguard.app.summary import COLORS
 from armguard.jit.progress import COMPILING
 from armguard.view.messages import FrameMessage, decode_message
@@ -106,32 +106,43 @@ class Watcher:
         return None, problem or (f"{end}: {words}" if words else end)
 
     def _show(self, frames: str) -> str:
-        """Show frames until the monitor or another process ends; the reason, if it is a problem."""
-        context = zmq.Context()
-        try:
-            reader = context.socket(zmq.SUB)
-            reader.set(zmq.CONFLATE, 1)
-            reader.subscribe(b"")
-            reader.connect(frames)
-            if not self._console.is_terminal:
-                self._console.print(WAITING)
-            with self._console.status(WAITING) as waiting:
-                self._waiting = waiting if self._console.is_terminal else None
-                while not self._ended() and not reader.poll(round(1000 * REFRESH)):
-                    pass
-                self._waiting = None
-            table = Live(console=self._console, auto_refresh=False, transient=True)
-            live = self._live and self._console.is_terminal
-            with table if live else contextlib.nullcontext():
-                while not self._ended():
-                    if reader.poll(round(1000 * REFRESH)):
-                        message = decode_message(reader.recv())
-                        if live and isinstance(message, FrameMessage):
-                            table.update(draw_frame(message, self._console.width), refresh=True)
-                    time.sleep(REFRESH)
-        finally:
-            context.destroy(linger=0)
+        """Show frames until the monitor or another process ends; the reason, if it is a problem.
+
+        An interrupt is noted, and raised when the socket is closed: one that is raised while ZeroMQ
+        makes a socket leaves that open, and then the context never ends.
+        """
+        with noted_interrupts() as was_interrupted:
+            context = zmq.Context()
+            try:
+                reader = context.socket(zmq.SUB)
+                reader.set(zmq.CONFLATE, 1)
+                reader.subscribe(b"")
+                reader.connect(frames)
+                self._follow(reader, lambda: was_interrupted() or self._ended())
+            finally:
+                context.destroy(linger=0)
+        if was_interrupted():
+            raise KeyboardInterrupt
         return self._describe_death()
+
+    def _follow(self, reader: zmq.Socket[bytes], ended: Callable[[], bool]) -> None:
+        """Show the frames of a feed until the demo has ended."""
+        if not self._console.is_terminal:
+            self._console.print(WAITING)
+        with self._console.status(WAITING) as waiting:
+            self._waiting = waiting if self._console.is_terminal else None
+            while not ended() and not reader.poll(round(1000 * REFRESH)):
+                pass
+            self._waiting = None
+        table = Live(console=self._console, auto_refresh=False, transient=True)
+        live = self._live and self._console.is_terminal
+        with table if live else contextlib.nullcontext():
+            while not ended():
+                if reader.poll(round(1000 * REFRESH)):
+                    message = decode_message(reader.recv())
+                    if live and isinstance(message, FrameMessage):
+                        table.update(draw_frame(message, self._console.width), refresh=True)
+                time.sleep(REFRESH)
 
     def _ended(self) -> bool:
         self._tell_log()

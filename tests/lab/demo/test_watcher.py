@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+import zmq
 from rich.console import Console
 
 from armguard.lab.demo.watcher import Watcher
@@ -87,3 +88,26 @@ def test_an_interrupt_while_the_page_opens_ends_in_a_summary(tmp_path, monkeypat
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as monitor:
         watcher = Watcher(monitor, {}, log, Console(quiet=True), live=False)
         assert watcher.run(f"ipc://{tmp_path}/frames", open_page) == ({"ticks": 7}, "")
+
+
+def test_an_interrupt_while_a_socket_is_made_ends_in_a_summary(tmp_path, monkeypatch):
+    """What interrupts ZeroMQ there leaves a socket open, and then its context never ends."""
+    make = zmq.Context.socket
+
+    def make_interrupted(context, kind):
+        assert monitor.stderr.readline() == b"ready\n"
+        made = make(context, kind)
+        signal.raise_signal(signal.SIGINT)
+        return made
+
+    monkeypatch.setattr(zmq.Context, "socket", make_interrupted)
+    log = tmp_path / "log"
+    log.touch()
+    command = [sys.executable, "-c", MONITOR.format(needed=1)]
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as monitor:
+            watcher = Watcher(monitor, {}, log, Console(quiet=True), live=False)
+            assert watcher.run(f"ipc://{tmp_path}/frames") == ({"ticks": 7}, "")
+    finally:
+        signal.signal(signal.SIGINT, before)
