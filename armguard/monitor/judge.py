@@ -152,8 +152,9 @@ class Judge:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
             standing = True
         proved = None
-        may_slow = not (standing or rule.latched or rule.holds_stop(tick.now))
-        if may_slow and rule.grade(contact_time, stop_time, rests=rests) is SLOW:
+        earned = rule.grade(contact_time, stop_time, rests=rests)
+        may_slow = earned is SLOW and not (standing or rule.latched or rule.holds_stop(tick.now))
+        if may_slow:
             proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
         level, held = rule.decide(
             tick.now,
@@ -167,11 +168,7 @@ class Judge:
         if level is SLOW and proved is None:
             proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
         scale = self._give_scale(tick, level, proved, is_proved=is_proved)
-        if (
-            level is not CLEAR
-            and pair != NOBODY
-            and rule.grade(contact_time, stop_time, rests=rests) is not CLEAR
-        ):
+        if level is not CLEAR and pair != NOBODY and earned is not CLEAR:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)

@@ -58,18 +58,16 @@ class UsualAge:
         period: Between two messages, in [s], as stated; None: no age is usual until there are
             enough samples.
 
-    Attributes:
-        median: In [s], to a tenth of itself; None while it is not known.
     """
 
     def __init__(self, latency: float = 0.0, period: float | None = None) -> None:
-        self.median: float | None = None
+        self._median: float | None = None
         self._latest_usual = math.inf
         if period is not None:
             self._set(latency + 0.5 * period, latency + UPPER_SHARE * period)
         self._counts = [0] * BINS
         self._ring = bytearray(SAMPLES)
-        self._count = 0
+        self._count = self._counted = 0
 
     def add(self, age: float) -> None:
         """Take in one age, in [s]; one that is no number counts as the longest."""
@@ -84,11 +82,27 @@ class UsualAge:
         self._ring[index] = place
         self._counts[place] += 1
         self._count += 1
-        if self._count >= FEWEST_SAMPLES:
+
+    @property
+    def median(self) -> float | None:
+        """In [s], to a tenth of itself; None while it is not known."""
+        self._follow()
+        return self._median
+
+    @property
+    def latest_usual(self) -> float:
+        """Data are late that are older, in [s]; infinite while that is not known."""
+        self._follow()
+        return self._latest_usual
+
+    def _follow(self) -> None:
+        """Take the samples into account; few ticks ask, so that most samples cost no more."""
+        if self._counted < self._count and self._count >= FEWEST_SAMPLES:
+            self._counted = self._count
             self._set(self._find_quantile(0.5), self._find_quantile(UPPER_SHARE))
 
     def _set(self, median: float, upper: float) -> None:
-        self.median = median
+        self._median = median
         self._latest_usual = max(UNUSUAL * median, UNUSUAL_UPPER * upper)
 
     def _find_quantile(self, share: float) -> float:
@@ -102,9 +116,9 @@ class UsualAge:
 
     def find_lateness(self, age: float) -> float:
         """By how much an age exceeds the usual one, in [s]; 0 where that is not unusual."""
-        if self.median is None or not age > self._latest_usual:
+        if not age > self.latest_usual or self._median is None:
             return 0.0
-        return age - self.median
+        return age - self._median
 
 
 class LateData:
@@ -138,6 +152,7 @@ class LateData:
         self._joint_age = UsualAge(settings.period, settings.period)
         self._source_ages: list[UsualAge] = []
         self._sample_number = 0
+        self._latest_usual_joints = math.inf
         self.reset()
         self._times = np.zeros(MOST_PAIRS)
         self._nodes = np.zeros(MOST_PAIRS, dtype=np.int64)
@@ -145,7 +160,7 @@ class LateData:
 
     def reset(self) -> None:
         """Time may start anew; usual ages stay what they are."""
-        self._slot = self._sample_at = self._asked_at = -math.inf
+        self._slot = self._sample_at = self._asked_at = self._calm_until = -math.inf
         self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
         self._fresh: Level | None = Level.STOP
         self._owners: list[int] = []
@@ -160,6 +175,7 @@ class LateData:
         self._slot = slot if tick.now < slot + SAMPLING else tick.now
         self._sample_number += 1
         self._sample_at = self._slot + SAMPLING * (self._sample_number * GOLDEN_RATIO % 1.0)
+        self._calm_until = -math.inf
         self._joint_age.add(tick.arm_age)
         sources = self._obstacles.source_states
         while len(self._source_ages) < len(sources):
@@ -181,9 +197,13 @@ class LateData:
             tick: The tick.
             level: What it earns by itself, below CLEAR, for nothing but contact times.
         """
+        if tick.now < self._calm_until and not tick.arm_age > self._latest_usual_joints:
+            return []
         arm_late = self._joint_age.find_lateness(tick.arm_age)
         sources = self._find_late_sources(tick.now)
         if not (arm_late > 0.0 or sources):
+            self._calm_until = self._find_calm(tick.now)
+            self._latest_usual_joints = self._joint_age.latest_usual
             return []
         asked = level, arm_late > 0.0, tuple(sources)
         if asked != self._asked or not tick.now - self._asked_at < LOOK_INTERVAL:
@@ -248,6 +268,19 @@ class LateData:
             for state, ages in zip(self._obstacles.source_states, self._source_ages, strict=False)
             if state.heard and ages.find_lateness(now - state.newest) > 0.0
         }
+
+    def _find_calm(self, now: float) -> float:
+        """Until when no source can become late, in [s]: new data and nothing else lower ages."""
+        return min(
+            (
+                state.newest + ages.latest_usual
+                for state, ages in zip(
+                    self._obstacles.source_states, self._source_ages, strict=False
+                )
+                if state.heard
+            ),
+            default=now,
+        )
 
     def _find_late_rows(self, rows: IntArray, now: float, late: dict[int, str]) -> dict[int, float]:
         """By how much states of late sources are older than usual, in [s], by row."""
