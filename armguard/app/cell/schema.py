@@ -525,7 +525,8 @@ def _translate(
         is_plain = re.search(r"Invalid enum|`(float|int)`| \| ", text) is not None
         if is_plain and steps and not isinstance(value, Mapping):
             declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
-            expected = expected if declared is None else declared.expected.removesuffix(", or None")
+            if declared is not None:
+                expected = declared.describe(in_file=True).removesuffix(", or None")
         return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
