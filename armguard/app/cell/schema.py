@@ -527,7 +527,10 @@ def _translate(
             declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
             if declared is not None:
                 expected = declared.describe(in_file=True).removesuffix(", or None")
-        return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
+        # msgspec has JSON's words.
+        expected = re.sub(r"\bobject\b", "a table", expected.replace("`", ""))
+        expected = re.sub(r"\barray\b", "a list", expected)
+        return make_error(file, key, f"is {value!r}", expected)
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
         return make_error(file, key, "is missing")
