@@ -184,7 +184,7 @@ def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
     if get_origin(kind) is Literal:
         words = " or ".join(f'`"{choice}"`' for choice in get_args(kind))
     else:
-        words = declared.expected.removesuffix(", or None").removeprefix("a ")
+        words = declared.describe(in_file=True).removesuffix(", or None").removeprefix("a ")
         words = words.replace("finite ", "").replace("whole number", "integer")
         words = re.sub(r"'(\w+)'", r'`"\1"`', words)
     if declared.default is not None:

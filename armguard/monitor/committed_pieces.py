@@ -17,10 +17,11 @@ wherever obstacles bring news, until one of these rules it out:
 Every arm that rests until it takes up its first piece, and follows pieces that were answered safe,
 is then on a kept one at every time, so that what is proved of all kept pieces is proved of it.
 
-Joint states may show that the arm is on no kept piece, or a payload may end what their proofs rest
-on. The arm counts as free then, and the stop decision bounds it. Pieces that it could still take up
-stay on a list, *open* pieces. No piece is committed while there is one: the arm might follow the
-open piece instead.
+Joint states may show that the arm is on no kept piece, a payload may end what their proofs rest on,
+or an obstacle may make one of them unsafe. The arm counts as free then, and the stop decision
+bounds it. Pieces that it could still be on, or take up, stay on a list, *open* pieces. No piece is
+committed while there is one: the arm might follow the open piece instead, where the answer, or the
+STOP that calls it off its piece, is late or lost.
 
 A controller that commits often leaves many that differ by little: from `MANY_PIECES` on two of them
 are kept as one, see `_join_two`.
@@ -287,7 +288,7 @@ class CommittedPieces:
             return None
         if unplaced:
             # They are in no pair, so no piece is judged by them.
-            self.reset()
+            self._count_as_free(self._pieces)
             detail = "some found no room, and could be anywhere"
             return Reason(ReasonKind.PIECE_UNSAFE, "obstacles", detail)
         check = self._following.check
@@ -314,7 +315,7 @@ class CommittedPieces:
             for k, piece in enumerate(kept):
                 course = self._lay_out(piece.plan, piece.before)
                 if isinstance(course, Refusal):
-                    self.reset()
+                    self._count_as_free(kept)
                     return Reason(ReasonKind.PIECE_UNSAFE, *course)
                 self._pieces[k] = piece._replace(course=course)
         for piece in self._pieces:
@@ -322,7 +323,7 @@ class CommittedPieces:
                 continue
             contact = self._find_contact(piece.course, tick)
             if contact is not None:
-                self.reset()
+                self._count_as_free(kept)
                 (reason,) = contact.reasons
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
             self._known.keep(piece.place)

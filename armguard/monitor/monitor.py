@@ -333,6 +333,8 @@ class Monitor:
         next verdict: an obstacle of which no state was ever believable; and where the sources were
         named, another one that is silent and has no obstacle.
 
+        Committed pieces are forgotten: the arm must rest, and the controller must drop its pieces.
+
         Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
         time may be earlier than that of the ticks before.
         """

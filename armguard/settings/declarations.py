@@ -75,10 +75,9 @@ class Declaration(NamedTuple):
         """Whether its value can be a number."""
         return float in self.kinds or int in self.kinds
 
-    @property
-    def expected(self) -> str:
-        """What its value must be, in words."""
-        kinds = [self._describe(kind) for kind in self.kinds if kind is not UnsetType]
+    def describe(self, *, in_file: bool) -> str:
+        """What its value must be, in words; in a file a record is a table."""
+        kinds = [self._describe(kind, in_file) for kind in self.kinds if kind is not UnsetType]
         return ", or ".join(kinds)
 
     def check(self, value: object) -> object:
@@ -91,7 +90,7 @@ class Declaration(NamedTuple):
             fits, read = self._read(kind, value)
             if fits:
                 return read
-        raise ArmguardError(self.name, f"is {value!r}", expected=self.expected)
+        raise ArmguardError(self.name, f"is {value!r}", expected=self.describe(in_file=False))
 
     @property
     def _ends(self) -> list[str]:
@@ -108,10 +107,12 @@ class Declaration(NamedTuple):
             is_whole = isinstance(value, int | np.integer)
             return fits and is_whole, int(value) if fits and is_whole else value
         if get_origin(kind) is Literal:
-            return isinstance(value, str) and value in get_args(kind), value
+            # As a plain text, which every writer of settings knows.
+            is_one = isinstance(value, str) and value in get_args(kind)
+            return is_one, str(value) if is_one else value
         return isinstance(value, get_origin(kind) or kind), value
 
-    def _describe(self, kind: Any) -> str:
+    def _describe(self, kind: Any, in_file: bool) -> str:
         if kind in (float, int):
             number = "a whole number" if kind is int else "a finite number"
             number = "a number" if "may_be_infinite" in self.notes else number
@@ -121,7 +122,7 @@ class Declaration(NamedTuple):
             words = [repr(word) for word in get_args(kind)]
             return f"one of {', '.join(words)}" if len(words) > 1 else words[0]
         kind = get_origin(kind) or kind
-        if issubclass(kind, Struct):
+        if in_file and issubclass(kind, Struct):
             return "a table"
         return WORDS.get(kind, kind.__name__)
 

@@ -6,7 +6,7 @@ changes of a replay, trials that choose settings, and the reference pages.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -113,6 +113,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if isinstance(self.ignore, Iterator):
+            # It gives its pairs once, and a record makes any number of monitors.
+            msgspec.structs.force_setattr(self, "ignore", tuple(self.ignore))
         if self.leave != "never" and not self.with_plans:
             raise ArmguardError(
                 "leave", f"is {self.leave!r}", expected='"never" unless motion="planned"'

@@ -46,6 +46,11 @@ def make_plan(turn=TURN, stamp=0.0, **changes):
     return plan._replace(**changes)
 
 
+def make_rest(q, stamp):
+    """To rest where the arm is."""
+    return make_plan(stamp=stamp, times=[0.0, 0.1], q=np.tile(q, (2, 1)), v=np.zeros((2, 7)))
+
+
 def put_post(obstacles, bearing, *, distance=0.5, radius=0.03):
     """A ball at the height of the fingers, at an angle about the first joint's axis, in [rad]."""
     place = [distance * np.cos(bearing), distance * np.sin(bearing), 0.65]
@@ -1156,10 +1161,36 @@ def test_after_a_change_of_payload_the_piece_that_the_arm_is_on_ends_first():
         verdict = monitor.step(0.01 * k, q, v)
         assert (ReasonKind.PLAN_VOID in kinds(verdict)) == (k == 5)
         if k >= 5:
-            rest = make_plan(times=[0.0, 0.1], q=np.tile(q, (2, 1)), v=np.zeros((2, 7)))
-            answers[k] = monitor.commit(rest._replace(stamp=0.01 * k))
+            answers[k] = monitor.commit(make_rest(q, 0.01 * k))
     assert all("answered safe before" in answers[k].reasons[0].detail for k in range(5, 20))
     assert answers[21].safe
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_after_an_unsafe_piece_none_is_committed_while_the_arm_may_be_on_it(obeys):
+    """An obstacle appears in its way. The STOP may be late, and so may the next answer."""
+    obstacles, monitor = make_monitor(motion="planned")
+    way = make_plan()
+    monitor.step(0.0, HOME, STILL)
+    assert monitor.commit(way).safe
+    follow(monitor, way, 5)
+    put_post(obstacles, 0.45, distance=0.42)
+    verdict = monitor.step(float(TIMES[5]), way.q[5], way.v[5])
+    assert ReasonKind.PIECE_UNSAFE in kinds(verdict)
+    refused = []
+    for k in range(6, 10):
+        place = 5 if obeys else k
+        q, v = way.q[place], STILL if obeys else way.v[place]
+        verdict = monitor.step(float(TIMES[k]), q, v)
+        assert (verdict.level, verdict.stop) == (Level.STOP, "brake")
+        # What it shows now stays clear of the obstacle.
+        rest = make_rest(q, float(TIMES[k])) if obeys else cut(way, k, k + 2, monitor)
+        answer = monitor.commit(rest)
+        refused.append("answered safe before" in str(answer.reasons))
+        if answer.safe:
+            break
+    assert answer.safe is obeys
+    assert refused == ([False] if obeys else [True] * 4)
 
 
 def swing(monitor, k):

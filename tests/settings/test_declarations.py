@@ -62,24 +62,31 @@ def test_what_raises_when_it_is_read_is_no_number():
         assert math.isnan(read_number(value))
 
 
+class Rule(msgspec.Struct):
+    """A record within one."""
+
+
 class Record(msgspec.Struct, frozen=True, kw_only=True):
     share: Annotated[float, Meta(ge=0.0, lt=1.0, examples=[0.5], extra={"table": "bounds"})] = 0.1
     count: Annotated[int, Meta(gt=0)] | None = None
     word: Literal["one", "other"] | np.ndarray = "one"
     flag: bool = False
+    rule: Rule | None = None
 
     def __post_init__(self):
         check_fields(self)
 
 
 def test_a_declaration_says_what_the_record_does():
-    share, count, word, flag = read_declarations(Record).values()
+    share, count, word, flag, rule = read_declarations(Record).values()
     assert (share.table, list(share.examples), share.default) == ("bounds", [0.5], 0.1)
     assert (count.table, list(count.examples), count.default) == ("monitor", [], None)
     assert [one.is_number for one in (share, count, word, flag)] == [True, True, False, False]
     assert share.plain_type == Annotated[float, Meta(ge=0.0, lt=1.0)]
     assert word.plain_type == Literal["one", "other"]
     assert flag.plain_type is bool
+    words = [rule.describe(in_file=in_file) for in_file in (False, True)]
+    assert words == ["Rule, or None", "a table, or None"]
 
 
 @pytest.mark.parametrize(
@@ -95,6 +102,7 @@ def test_a_declaration_says_what_the_record_does():
         ("word", "none", "one of 'one', 'other', or ndarray"),
         ("word", None, "one of"),
         ("flag", 1, "true or false"),
+        ("rule", {}, "Rule, or None"),
     ],
 )
 def test_what_is_not_as_declared_is_refused_in_the_words_of_the_declaration(name, wrong, expected):
@@ -107,3 +115,5 @@ def test_values_are_kept_as_they_are_declared():
     assert (kept.share, kept.count, kept.flag) == (0.25, 7, True)
     assert [type(one) for one in (kept.share, kept.count, kept.flag)] == [float, int, bool]
     assert type(Record(share=0).share) is float
+    word = Record(word=np.str_("other")).word
+    assert (word, type(word)) == ("other", str)

@@ -79,3 +79,9 @@ def test_a_budget_is_for_deadlines_alone():
     assert Settings(budget=10**30).budget == 2**62
     with pytest.raises(ArmguardError, match="deadline"):
         Settings(budget=5, schedule="full")
+
+
+def test_pairs_to_ignore_that_come_from_an_iterator_are_kept_for_every_monitor():
+    pairs = [("panda_hand", "table"), ("panda_hand", "part*", "camera")]
+    settings = Settings(ignore=iter(pairs))
+    assert [list(settings.ignore) for _ in range(2)] == [pairs, pairs]

@@ -461,7 +461,7 @@ def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
         page.wait_for_timeout(500)
     name, _, time = page.inner_text("#tip").partition(": ")
     assert name in PERSON
-    assert time == "contact possible in 400 ms"
+    assert time == "contact time 400 ms"
     distance = "() => viewer.camera.position.distanceTo(viewer.controls.target)"
     before = after = page.evaluate(distance)
     for _ in range(TIMEOUT // 500):  # what is under the pointer may have moved on meanwhile

@@ -525,8 +525,12 @@ def _translate(
         is_plain = re.search(r"Invalid enum|`(float|int)`| \| ", text) is not None
         if is_plain and steps and not isinstance(value, Mapping):
             declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
-            expected = expected if declared is None else declared.expected.removesuffix(", or None")
-        return make_error(file, key, f"is {value!r}", expected.replace("`", ""))
+            if declared is not None:
+                expected = declared.describe(in_file=True).removesuffix(", or None")
+        # msgspec has JSON's words.
+        expected = re.sub(r"\bobject\b", "a table", expected.replace("`", ""))
+        expected = re.sub(r"\barray\b", "a list", expected)
+        return make_error(file, key, f"is {value!r}", expected)
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
         return make_error(file, key, "is missing")
