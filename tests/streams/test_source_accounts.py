@@ -70,7 +70,7 @@ def test_what_is_refused_for_its_size_or_rate_is_decoded_once_and_goes_no_furthe
         "armguard.streams.edge.decode", lambda data: decoded.append(data) or decode(data)
     )
     monkeypatch.setattr(
-        "armguard.streams.obstacle_intake.to_points",
+        "armguard.messages.batch.to_points",
         lambda field, *rest: converted.append(field) or to_points(field, *rest),
     )
     world = make_world(message_size=1000, message_rate=3.0)
