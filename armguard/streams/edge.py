@@ -179,7 +179,7 @@ class Edge:
             at this time.
         """
         times, joints = self.times, self.joints
-        times.drain_start = now = self._clock.now()
+        times.drain_start = self._clock.now()
         joints.begin_drain()
         self.requests.begin_drain()
         self._watch.attend(inputs)
@@ -190,29 +190,29 @@ class Edge:
             joints.has_come = False
             is_empty = isinstance(source, SocketInput) and not source.is_unread
             if not is_empty:
-                now, is_empty = self._take_messages(source, now, self._drain_time / len(inputs))
+                is_empty = self._take_messages(source, self._drain_time / len(inputs))
             is_emptied = is_emptied or (is_empty and joints.has_come)
             self._emptied[source] = times.drain_start if is_empty else times.arrived_after
         joints.settle(now, is_emptied=is_emptied, is_reset=self.requests.is_reset)
         return now
 
-    def _take_messages(self, source: Input, now: float, share: float) -> tuple[float, bool]:
+    def _take_messages(self, source: Input, share: float) -> bool:
+        now = self._clock.now()
         """Take the messages of one input, up to its bounds.
 
         Args:
             source: The input.
-            now: The present, in [s].
             share: Its part of the drain's time, in [s].
 
         Returns:
-            The time after the last message, in [s], and whether the input was found empty.
+            Whether the input was found empty.
         """
-        size, until = 0, now + share
+        size, until = 0, self._clock.now() + share
         for _ in range(_MESSAGES_A_DRAIN):
             try:
                 data = source.receive()
                 if data is None:
-                    return now, True
+                    return True
                 self.received += 1
                 size += len(data)
                 self._read(data, source)
@@ -220,11 +220,10 @@ class Edge:
                 # What a message says of itself may be wrong; its key is not.
                 sender = source.sender if isinstance(source, SocketInput) else None
                 self.faults.add(error.kind, sender or error.source, error.sequence, str(error))
-            now = self._clock.now()
-            if size > BYTE_LIMIT or not now < until:
+            if size > BYTE_LIMIT or not self._clock.now() < until:
                 break
         self.cut_short += 1
-        return now, False
+        return False
 
     def _read(self, data: bytes, source: Input) -> None:
         """Take one message if its sender may send it; raise MessageError if not."""
