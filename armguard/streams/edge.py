@@ -5,8 +5,8 @@ number, field and value, and what can still be used is passed on. Rows that only
 table can judge (implausible, negative, not finite) are its business and lead to its faults, so
 that the verdict knows of them; the edge names their values.
 
-Each message is decoded once, charged to its source, and handed to the handler of its type. One
-that is malformed is read a second time, to charge it to the source that it names.
+Each message is decoded once, charged to its source, and handed to the handler of its type. A long
+one is charged before it is decoded, by its header alone; a malformed one by its header, too.
 """
 
 from __future__ import annotations
@@ -56,6 +56,10 @@ _MESSAGES_A_DRAIN = 64
 
 DRAIN_TIME = 5e-3
 """How long taking messages may last in one tick where nothing else is said, in [s]."""
+
+_DECODED_AT_ONCE = 4096
+"""Longest message, in bytes, that is decoded before it is charged to its source. That takes about a
+millisecond at most; of 4 MiB of empty lists it would take a second, and reading the header 6 ms."""
 
 _OF_SOURCES = frozenset((ObstaclesMessage, CloudMessage, RemoveMessage))
 """Types of messages that are charged to the source that they name."""
@@ -179,7 +183,7 @@ class Edge:
             at this time.
         """
         times, joints = self.times, self.joints
-        times.drain_start = now = self._clock.now()
+        times.drain_start = self._clock.now()
         joints.begin_drain()
         self.requests.begin_drain()
         self._watch.attend(inputs)
@@ -190,29 +194,29 @@ class Edge:
             joints.has_come = False
             is_empty = isinstance(source, SocketInput) and not source.is_unread
             if not is_empty:
-                now, is_empty = self._take_messages(source, now, self._drain_time / len(inputs))
+                is_empty = self._take_messages(source, self._drain_time / len(inputs))
             is_emptied = is_emptied or (is_empty and joints.has_come)
             self._emptied[source] = times.drain_start if is_empty else times.arrived_after
+        now = self._clock.now()
         joints.settle(now, is_emptied=is_emptied, is_reset=self.requests.is_reset)
         return now
 
-    def _take_messages(self, source: Input, now: float, share: float) -> tuple[float, bool]:
+    def _take_messages(self, source: Input, share: float) -> bool:
         """Take the messages of one input, up to its bounds.
 
         Args:
             source: The input.
-            now: The present, in [s].
             share: Its part of the drain's time, in [s].
 
         Returns:
-            The time after the last message, in [s], and whether the input was found empty.
+            Whether the input was found empty.
         """
-        size, until = 0, now + share
+        size, until = 0, self._clock.now() + share
         for _ in range(_MESSAGES_A_DRAIN):
             try:
                 data = source.receive()
                 if data is None:
-                    return now, True
+                    return True
                 self.received += 1
                 size += len(data)
                 self._read(data, source)
@@ -220,11 +224,10 @@ class Edge:
                 # What a message says of itself may be wrong; its key is not.
                 sender = source.sender if isinstance(source, SocketInput) else None
                 self.faults.add(error.kind, sender or error.source, error.sequence, str(error))
-            now = self._clock.now()
-            if size > BYTE_LIMIT or not now < until:
+            if size > BYTE_LIMIT or not self._clock.now() < until:
                 break
         self.cut_short += 1
-        return now, False
+        return False
 
     def _read(self, data: bytes, source: Input) -> None:
         """Take one message if its sender may send it; raise MessageError if not."""
@@ -233,15 +236,17 @@ class Edge:
             sender, authenticator = source.sender, source.authenticator
         if authenticator is not None:
             self._check_size(size, sender, authenticator)
+        is_long = size > _DECODED_AT_ONCE
+        if is_long:
+            self._charge_by_header(data, sender, authenticator)
         try:
             message: Any = decode(data)
         except MessageError:
-            header = read_header(data)
-            if header is not None and header.type in _TAGS_OF_SOURCES:
-                self._charge(header, size, sender, authenticator)
+            if not is_long:
+                self._charge_by_header(data, sender, authenticator)
             raise
         kind = type(message)
-        if kind in _OF_SOURCES:
+        if kind in _OF_SOURCES and not is_long:
             self._charge(message, size, sender, authenticator)
         if authenticator is not None:
             check_sender(message, sender, authenticator, self._intake)
@@ -259,6 +264,14 @@ class Edge:
             and size > self._accounts.limits_of(sender).message_size
         ):
             self._accounts.charge(sender, size, None)
+
+    def _charge_by_header(
+        self, data: bytes, sender: str | None, authenticator: Authenticator | None
+    ) -> None:
+        """As `_charge`, for a message that was not decoded; one without a header costs nothing."""
+        header = read_header(data)
+        if header is not None and header.type in _TAGS_OF_SOURCES:
+            self._charge(header, len(data), sender, authenticator)
 
     def _charge(
         self,

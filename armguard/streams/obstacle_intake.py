@@ -7,20 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from armguard.exceptions import ArmguardError
-from armguard.messages.incoming import (
-    MessageError,
-    ObstaclesMessage,
-    RemoveMessage,
-    to_points,
-    to_values,
-)
+from armguard.messages.batch import ObstacleBatch, read_batch
+from armguard.messages.incoming import MessageError, ObstaclesMessage, RemoveMessage
 from armguard.streams.intake import Intake
 from armguard.streams.source_accounts import SourceAccounts
 from armguard.streams.stamp_clocks import MONOTONIC, StampClock
 from armguard.streams.widening import widen
 
-_POINT_FIELDS = ("position", "velocity")
-_VALUE_FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+_NUMBERS = ObstacleBatch._fields[1:9]
+"""Fields of a batch that are numbers."""
 
 
 class ObstacleIntake:
@@ -54,30 +49,22 @@ class ObstacleIntake:
         self._accounts.check_obstacles(message)
         clock = self._clocks.get(source, MONOTONIC)
         stamp, gap = intake.times.translate(message.stamp, clock)
-        fields: dict[str, Any] = {
-            field: getattr(message, field) for field in (*_POINT_FIELDS, *_VALUE_FIELDS)
-        }
         counted = False
         try:
-            fields = _unpack(fields, len(message.ids))
-            intake.check_finite(source, sequence, {"stamp": message.stamp, **fields})
+            fields: dict[str, Any] = read_batch(message)._asdict()
+            intake.check_finite(source, sequence, {name: fields[name] for name in _NUMBERS})
             window = clock.error + gap
             if window > 0.0:
                 known = intake.obstacles.bounds.find(message.ids, *self._bounds)
                 widen(fields, window, *known)
         except MessageError as error:
             # Handed on as it came: the table refuses it too, and so the verdict knows of it.
+            fields = {name: getattr(message, name) for name in ObstacleBatch._fields}
             intake.faults.add("malformed", source, sequence, str(error))
             counted = True
+        fields["stamp"] = stamp
         try:
-            intake.obstacles.update(
-                message.ids,
-                stamp,
-                source=source,
-                frame=message.frame,
-                snapshot=message.snapshot,
-                **fields,
-            )
+            intake.obstacles.update(**fields)
         except ArmguardError as error:
             if not counted:
                 intake.faults.add("refused", source, sequence, str(error))
@@ -91,16 +78,3 @@ class ObstacleIntake:
             intake.obstacles.remove(message.ids, stamp=stamp, source=source)
         except ArmguardError as error:
             intake.faults.add("refused", source, message.seq, str(error))
-
-
-def _unpack(fields: Mapping[str, Any], count: int) -> dict[str, Any]:
-    """The fields of `count` obstacles as arrays; None and single numbers stay as they are."""
-    arrays: dict[str, Any] = {}
-    for field, value in fields.items():
-        if value is None or isinstance(value, float):
-            arrays[field] = value
-        elif field in _POINT_FIELDS:
-            arrays[field] = to_points(field, value, count)
-        else:
-            arrays[field] = to_values(field, value, count)
-    return arrays

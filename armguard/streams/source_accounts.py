@@ -1,8 +1,8 @@
 """What each source of obstacles has sent, held against its limits.
 
-A message is decoded before it is charged to its source. Only what is too long for a client whose
-key lets it send obstacles alone is refused unread. So a message that is refused costs its decoding
-at most. That is bounded like all work of a drain: by `BYTE_LIMIT`, and by the time of the drain.
+A short message is decoded before it is charged to its source, and a long one after that. So a
+message that is refused costs little, however long it is. What is too long for a client whose key
+lets it send obstacles alone is refused unread.
 """
 
 from __future__ import annotations

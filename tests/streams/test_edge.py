@@ -1,3 +1,5 @@
+import pytest
+
 from support.stream_messages import (
     MONOTONIC,
     Messages,
@@ -55,3 +57,16 @@ def test_without_any_time_one_message_of_each_input_is_taken():
     sources = [Messages(obstacles(seq=1), obstacles(seq=2)), Messages(joints(), joints())]
     world.edge.drain(sources)
     assert [len(source.waiting) for source in sources] == [1, 1]
+
+
+def test_the_end_of_a_drain_is_when_it_ended_even_if_nothing_came():
+    world = World()
+
+    class SlowInput(Messages):
+        def receive(self):
+            world.clock.sleep_until(world.clock.now() + 0.003)
+            return super().receive()
+
+    began = world.clock.now()
+    assert world.edge.drain([SlowInput()]) == pytest.approx(began + 0.003)
+    assert world.edge.drain([]) == world.clock.now()

@@ -64,21 +64,20 @@ def test_a_message_that_is_too_long_for_its_source_is_refused():
     assert len(world.obstacles) == 1
 
 
-def test_what_is_refused_for_its_size_or_rate_is_decoded_once_and_goes_no_further(monkeypatch):
+def test_what_is_refused_for_its_size_or_rate_costs_little_and_goes_no_further(monkeypatch):
     decoded, converted = [], []
     monkeypatch.setattr(
         "armguard.streams.edge.decode", lambda data: decoded.append(data) or decode(data)
     )
     monkeypatch.setattr(
-        "armguard.streams.obstacle_intake.to_points",
+        "armguard.messages.batch.to_points",
         lambda field, *rest: converted.append(field) or to_points(field, *rest),
     )
     world = make_world(message_size=1000, message_rate=3.0)
     long = crowd([str(number) for number in range(1000)])
-    sent = [pack(long), msgspec.json.encode(long), pack(long)[:-1]]
-    world.send(*sent)
-    assert decoded == sent
-    # The last has no end: it is malformed, whoever sent it.
+    world.send(pack(long), msgspec.json.encode(long), pack(long)[:-1])
+    # The first two are refused by their headers. The last has no end: none can be read.
+    assert decoded == [pack(long)[:-1]]
     assert world.faults.count("malformed") == 1
     assert world.faults.count("beyond limit") == 2
     assert converted == []
@@ -87,6 +86,20 @@ def test_what_is_refused_for_its_size_or_rate_is_decoded_once_and_goes_no_furthe
     assert converted == ["position", "velocity"]
     # What was refused was not lost on the way.
     assert world.faults.count("lost") == 0
+
+
+def test_a_long_message_beyond_the_rate_is_refused_undecoded(monkeypatch):
+    decoded = []
+    monkeypatch.setattr(
+        "armguard.streams.edge.decode", lambda data: decoded.append(data) or decode(data)
+    )
+    world = make_world(message_rate=3.0)
+    names = [str(number) for number in range(1000)]
+    world.send(*(crowd(names, seq=number) for number in range(10)))
+    assert len(decoded) == 3
+    assert world.faults.counts["beyond limit", "cam0"] == 7
+    assert world.faults.count("lost") == 0
+    assert len(world.obstacles) == 1000
 
 
 def test_malformed_messages_count_against_the_limits_of_the_source_that_they_name():
