@@ -236,7 +236,9 @@ class Replay:
                 if write_json(message) != data:
                     self._note_difference(_list_fields(event), _list_fields(message))
         elif not (isinstance(event, Payload) and "payload" in self._changes):
-            self._answer = apply_event(self.monitor, event)
+            answer = apply_event(self.monitor, event)
+            # Other events may come between a plan and its answer.
+            self._answer = self._answer if answer is None else answer
 
     def _note_difference(self, recorded: Mapping[str, Any], replayed: Mapping[str, Any]) -> None:
         if self._difference is not None:

@@ -47,6 +47,9 @@ ZeroMQ stops reading, and they wait at their sender; none is lost before its que
 CONNECTION_LIMIT = 64
 """Most connections of one input, so that what waits in all of them is bounded."""
 
+_BLANK_LINES = 1024
+"""Most blank lines that are taken at once."""
+
 # Flags of an enumeration are looked up, and combined, a hundred times slower than numbers.
 _NOBLOCK, _EVENTS, _POLLIN = int(zmq.NOBLOCK), int(zmq.EVENTS), int(zmq.POLLIN)
 
@@ -255,8 +258,16 @@ class LineInput:
             raise StreamError("-", f"cannot be read ({error.strerror})") from None
 
     def receive(self) -> bytes | None:
-        """The next line, or None; raises MessageError for one that is too long."""
+        """The next line, or None; raises MessageError for one that is too long.
+
+        So it does where a sender that never pauses sends nothing but blank lines, or a line without
+        an end: a call takes a bounded time.
+        """
+        left = BYTE_LIMIT
         while True:
+            if left < 0:
+                problem = f"without a message for {BYTE_LIMIT} bytes, or {_BLANK_LINES} blank lines"
+                raise MessageError("line", problem, "messages")
             end = self._buffer.find(b"\n", self._scanned)
             if end >= 0:
                 line = self._take(end)
@@ -264,9 +275,11 @@ class LineInput:
                     self._skipping = False
                 elif line.strip():
                     return line
+                left -= max(end + 1, BYTE_LIMIT // _BLANK_LINES)
                 continue
             self._scanned = len(self._buffer)
             if self._skipping:
+                left -= len(self._buffer)
                 self._take(len(self._buffer))
             elif len(self._buffer) > BYTE_LIMIT:
                 self._take(len(self._buffer))

@@ -147,6 +147,21 @@ def test_too_long_lines_are_refused_and_the_next_is_taken():
     assert lines.ended
 
 
+@pytest.mark.parametrize("vain", [b"\n" * 5000, b"x" * (4 * BYTE_LIMIT) + b"\n"])
+def test_a_call_takes_a_bounded_time_where_nothing_but_vain_lines_come(vain, tmp_path):
+    (tmp_path / "lines").write_bytes(vain + b"message\n")
+    with (tmp_path / "lines").open("rb") as file:
+        lines, refused = LineInput(file.fileno()), 0
+        while True:
+            try:
+                line = lines.receive()
+                break
+            except MessageError:
+                refused += 1
+    assert line == b"message"
+    assert refused >= 3
+
+
 def test_lines_come_as_they_are_written_and_the_end_is_seen():
     reading, writing = os.pipe()
     lines = LineInput(reading)
