@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.app.heard import RateMeter
 from armguard.app.loop import NO_RESETS, Durations, Resets
+from armguard.app.rate_meter import RateMeter
 from armguard.app.reachable import find_reachable
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.reports import Snapshot

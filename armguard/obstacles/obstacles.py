@@ -45,13 +45,13 @@ from armguard.obstacles.clouds import (
     read_rays,
 )
 from armguard.obstacles.faults import Fault, FaultKind
+from armguard.obstacles.frame_history import FrameHistory
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.settings import ObstacleSettings
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
-from armguard.obstacles.told_frames import ToldFrames
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
@@ -139,7 +139,7 @@ class Obstacles(ObstacleRegister):
         world = Frame(np.eye(3), np.zeros(3))
         places = {WORLD: world} | dict(frames or {}) | {WORLD: world}
         self._frames = {name: number for number, name in enumerate(places)}
-        self._told_frames = ToldFrames()
+        self._frame_history = FrameHistory()
         self._memory = MessageMemory(list(places.values()))
         self._clouds: CloudReader | None = None
         self.takes_voxels = False
@@ -279,9 +279,9 @@ class Obstacles(ObstacleRegister):
         if points_each > 1:
             self.table.widen(points_each)
         wrong: list[int] = []
-        is_usual = self._told_frames.is_usual(state.index, number)
+        is_usual = self._frame_history.is_usual(state.index, number)
         if not is_usual:
-            wrong = self._told_frames.find_wrong(
+            wrong = self._frame_history.find_wrong(
                 state.index,
                 number,
                 rows,
@@ -302,7 +302,7 @@ class Obstacles(ObstacleRegister):
         if not is_usual:
             codes = self._memory.data.codes[:count]
             codes[wrong] = WRONG_FRAME
-            self._told_frames.note(state.index, number, rows, codes)
+            self._frame_history.note(state.index, number, rows, codes)
         if taken and time > self._newest:
             self._newest = time
         if self._unbelieved:

@@ -18,9 +18,9 @@ import msgspec
 
 from armguard.exceptions import ArmguardError
 from armguard.view.drawing import Command
-from armguard.view.latest import join
+from armguard.view.latest_values import join
+from armguard.view.page_state import FilmPosition, PageState
 from armguard.view.server import PAGE, VIEWER
-from armguard.view.station import Station, Told
 
 MOST_BYTES = 200_000_000
 """Of all moments, before they are packed."""
@@ -31,7 +31,7 @@ PREFIX = "armguard/"
 def write_export(
     path: Path,
     values: Sequence[bytes],
-    station: Station,
+    page_state: PageState,
     draw_past: Callable[[int, bool], list[Command] | None],
 ) -> None:
     """Write the file.
@@ -39,13 +39,13 @@ def write_export(
     Args:
         path: Where to.
         values: The latest of all drawing commands, meshes among them.
-        station: Has the film.
+        page_state: Has the film.
         draw_past: Draws the moment of a number, with the stopping volume or without.
 
     Raises:
         ArmguardError: There is nothing to write, or the file cannot be written.
     """
-    moments = station.film.moments
+    moments = page_state.film.moments
     if not moments:
         raise ArmguardError(str(path), "has nothing to show: there was no moment to export")
     drawn: list[tuple[int, msgspec.Raw]] = []
@@ -63,7 +63,7 @@ def write_export(
     content = msgspec.msgpack.encode(
         {
             "scene": msgspec.Raw(join(list(values))),
-            "news": msgspec.Raw(station.tell(Told())),
+            "news": msgspec.Raw(page_state.tell(FilmPosition())),
             "moments": drawn,
         }
     )

@@ -21,10 +21,10 @@ import tornado.websocket
 from armguard.exceptions import ArmguardError
 from armguard.view.access import Access
 from armguard.view.drawing import Command, show
-from armguard.view.latest import LatestValues, Reader, join
+from armguard.view.latest_values import LatestValues, Reader, join
 from armguard.view.listening import LOOPBACK, listen
+from armguard.view.page_state import FilmPosition, PageState
 from armguard.view.requests import LONGEST, Done, Layers, ResetRequest, Seek, read_request
-from armguard.view.station import Station, Told
 
 BROWSER_LIMIT = 16
 
@@ -56,7 +56,7 @@ class ViewServer:
 
     Args:
         values: What browsers are to be shown.
-        station: What there is to tell beside that.
+        page_state: What there is to tell beside that.
         draw_past: Draws the moment of this number, with the stopping volume or without; None: it
             is gone.
         send_reset: Hands the monitor a reset with this token; says in words what became of it.
@@ -74,7 +74,7 @@ class ViewServer:
     def __init__(
         self,
         values: LatestValues,
-        station: Station,
+        page_state: PageState,
         draw_past: Callable[[int, bool], list[Command] | None],
         send_reset: Callable[[str], Awaitable[str]],
         port: int = 0,
@@ -82,7 +82,7 @@ class ViewServer:
     ) -> None:
         self._browsers: set[BrowserSocket] = set()
         self._values = values
-        self._station = station
+        self._page_state = page_state
         self.draw_past = draw_past
         self._send_reset = send_reset
         self._next_reset = -RESET_INTERVAL
@@ -133,9 +133,9 @@ class ViewServer:
         browser.send(join([self.tell_news(browser.told)]))
         return True
 
-    def tell_news(self, told: Told) -> bytes:
+    def tell_news(self, told: FilmPosition) -> bytes:
         """How old the latest moment is, and what else the browser does not know yet."""
-        return self._station.tell(told)
+        return self._page_state.tell(told)
 
     def detach(self, browser: BrowserSocket) -> None:
         """Forget a browser that has gone."""
@@ -176,7 +176,7 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
         self._view = server
         self._waits = False
         self.reader: Reader | None = None
-        self.told = Told()
+        self.told = FilmPosition()
         self._seen: int | None = None
         """Number of the moment of the past that it looks at; None: at the present."""
         self._is_due = False

@@ -22,7 +22,7 @@ from armguard.streams.nodes import Publisher
 from armguard.view import drawing
 from armguard.view.drawing import Command
 from armguard.view.export import write_export
-from armguard.view.latest import LatestValues
+from armguard.view.latest_values import LatestValues
 from armguard.view.listening import LOOPBACK
 from armguard.view.messages import (
     FeedVersionError,
@@ -32,9 +32,9 @@ from armguard.view.messages import (
     StatusMessage,
     decode_message,
 )
+from armguard.view.page_state import PageState
 from armguard.view.picture import ROOT, Picture
 from armguard.view.server import ViewServer
-from armguard.view.station import Station
 
 PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
@@ -97,12 +97,12 @@ class Watch:
                 expected='an address such as "tcp://127.0.0.1:5555"',
             ) from error
         self._values = LatestValues()
-        self._station = Station(address)
+        self._page_state = PageState(address)
         self._keeps_all = keeps_all
-        self._station.film.clear(is_recording=keeps_all)
+        self._page_state.film.clear(is_recording=keeps_all)
         try:
             self._server = ViewServer(
-                self._values, self._station, self._draw_past, self._send_reset, port, host
+                self._values, self._page_state, self._draw_past, self._send_reset, port, host
             )
         except ArmguardError:
             self._context.destroy(linger=0)
@@ -137,8 +137,8 @@ class Watch:
         Raises:
             ArmguardError: There is nothing to write, or the file cannot be written.
         """
-        self._station.film.settle()
-        write_export(path, self._values.payloads, self._station, self._draw_past)
+        self._page_state.film.settle()
+        write_export(path, self._values.payloads, self._page_state, self._draw_past)
 
     def close(self) -> None:
         """Free the port and the feed."""
@@ -158,8 +158,8 @@ class Watch:
         """Notice when the monitor comes and goes."""
         while True:
             event = await recv_monitor_message(self._connection)
-            self._station.is_connected = event["event"] != zmq.EVENT_DISCONNECTED
-            if not self._station.is_connected:
+            self._page_state.is_connected = event["event"] != zmq.EVENT_DISCONNECTED
+            if not self._page_state.is_connected:
                 self._forget_run()
 
     def _forget_run(self) -> None:
@@ -180,25 +180,25 @@ class Watch:
                 message = decode_message(payload)
             except ArmguardError as error:
                 if isinstance(error, FeedVersionError):
-                    self._station.problem = str(error)
+                    self._page_state.problem = str(error)
                 self._complain(str(error))
                 continue
             if isinstance(message, SceneMessage):
                 self._draw_scene(message)
             elif isinstance(message, StatusMessage):
-                self._station.status, self._station.is_over = message.text, message.is_over
+                self._page_state.status, self._page_state.is_over = message.text, message.is_over
                 if message.is_over:
-                    self._station.film.settle()
+                    self._page_state.film.settle()
             else:
                 frame = message
-                self._station.is_over = False
-                self._station.film.add(message, payload)
+                self._page_state.is_over = False
+                self._page_state.film.add(message, payload)
         if frame is None:
             return
         self._resets = frame.obeyed_resets, frame.refused_resets
         self._latches = frozenset(frame.latches)
         self._has_told.set()
-        self._station.note_frame()
+        self._page_state.note_frame()
         try:
             self._picture.draw_frame(frame, with_volume=self._server.wants_volume)
         except Exception as error:  # one bad picture must not end the view
@@ -215,10 +215,10 @@ class Watch:
         if is_new:
             self._forget_run()
             # What is past was of another scene, and cannot be drawn in this one.
-            self._station.film.clear(is_recording=scene.is_recorded or self._keeps_all)
+            self._page_state.film.clear(is_recording=scene.is_recorded or self._keeps_all)
 
     def _draw_past(self, number: int, with_volume: bool) -> list[Command] | None:
-        moment = self._station.film.find(number)
+        moment = self._page_state.film.find(number)
         if moment is None:
             return None
         frame = decode_message(moment.payload)

@@ -7,9 +7,9 @@ from tornado.websocket import websocket_connect
 
 from armguard.exceptions import ArmguardError
 from armguard.view.access import Access
-from armguard.view.latest import LatestValues
+from armguard.view.latest_values import LatestValues
+from armguard.view.page_state import PageState
 from armguard.view.server import ViewServer
-from armguard.view.station import Station
 
 
 def make_server(host):
@@ -18,8 +18,8 @@ def make_server(host):
     async def send_reset(token):
         return ""
 
-    station = Station("tcp://127.0.0.1:1")
-    return ViewServer(LatestValues(), station, lambda number, volume: None, send_reset, 0, host)
+    page_state = PageState("tcp://127.0.0.1:1")
+    return ViewServer(LatestValues(), page_state, lambda number, volume: None, send_reset, 0, host)
 
 
 def test_on_this_machine_there_is_no_token():

@@ -9,27 +9,27 @@ from armguard.exceptions import ArmguardError
 from armguard.view import export as export_module
 from armguard.view.drawing import show
 from armguard.view.export import check_export, write_export
+from armguard.view.page_state import PageState
 from armguard.view.server import PAGE
-from armguard.view.station import Station
 from support.view_samples import make_frame
 
 
 @pytest.fixture
-def station():
-    station = Station("tcp://127.0.0.1:1")
-    station.film.clear(is_recording=True)
+def page_state():
+    page_state = PageState("tcp://127.0.0.1:1")
+    page_state.film.clear(is_recording=True)
     for now in (0.0, 1.0, 2.0):
-        station.film.add(make_frame(now=now), b"")
-    return station
+        page_state.film.add(make_frame(now=now), b"")
+    return page_state
 
 
 def draw(number, with_volume):
     return [show("banner", {"sequence": number})]
 
 
-def test_the_file_holds_page_viewer_and_all_moments_and_asks_for_nothing(station, tmp_path):
+def test_the_file_holds_page_viewer_and_all_moments_and_asks_for_nothing(page_state, tmp_path):
     path = tmp_path / "scene.html"
-    write_export(path, [show("legend", {}).payload], station, draw)
+    write_export(path, [show("legend", {}).payload], page_state, draw)
     page = path.read_text(encoding="utf-8")
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
     for module in PAGE.glob("*.js"):
@@ -42,23 +42,23 @@ def test_the_file_holds_page_viewer_and_all_moments_and_asks_for_nothing(station
     assert [drawn[0]["sequence"] for _, drawn in film["moments"]] == numbers
 
 
-def test_modules_name_each_other_by_the_names_of_the_map(station, tmp_path):
+def test_modules_name_each_other_by_the_names_of_the_map(page_state, tmp_path):
     path = tmp_path / "scene.html"
-    write_export(path, [], station, draw)
+    write_export(path, [], page_state, draw)
     modules = re.findall(r"data:text/javascript;base64,([A-Za-z0-9+/=]+)", path.read_text())
     texts = [base64.b64decode(one).decode() for one in modules]
     assert len(texts) == len(list(PAGE.glob("*.js")))
     assert not any(re.search(r'from\s+"\./', text) for text in texts)
 
 
-def test_nothing_to_show_too_much_and_nowhere_to_write_are_said(station, tmp_path, monkeypatch):
+def test_nothing_to_show_too_much_and_nowhere_to_write_are_said(page_state, tmp_path, monkeypatch):
     with pytest.raises(ArmguardError, match="no moment"):
-        write_export(tmp_path / "a.html", [], Station("tcp://127.0.0.1:1"), draw)
+        write_export(tmp_path / "a.html", [], PageState("tcp://127.0.0.1:1"), draw)
     with pytest.raises(ArmguardError, match="cannot be written"):
-        write_export(tmp_path / "nowhere" / "a.html", [], station, draw)
+        write_export(tmp_path / "nowhere" / "a.html", [], page_state, draw)
     monkeypatch.setattr(export_module, "MOST_BYTES", 10)
     with pytest.raises(ArmguardError, match="more than"):
-        write_export(tmp_path / "a.html", [], station, draw)
+        write_export(tmp_path / "a.html", [], page_state, draw)
     check_export(tmp_path / "a.html")
     for place in (tmp_path, tmp_path / "nowhere" / "a.html"):
         with pytest.raises(ArmguardError, match="cannot be written"):

@@ -8,9 +8,9 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from armguard.exceptions import ArmguardError
 from armguard.view.drawing import Command, show
-from armguard.view.latest import LatestValues
+from armguard.view.latest_values import LatestValues
+from armguard.view.page_state import PageState
 from armguard.view.server import BROWSER_LIMIT, ViewServer
-from armguard.view.station import Station
 from support.view_samples import make_frame
 
 TIMEOUT = 5.0
@@ -22,10 +22,10 @@ class Stage:
 
     def __init__(self) -> None:
         self.values = LatestValues()
-        self.station = Station("tcp://127.0.0.1:1")
+        self.page_state = PageState("tcp://127.0.0.1:1")
         self.asked: list[tuple[int, bool]] = []
         self.tokens: list[str] = []
-        self.server = ViewServer(self.values, self.station, self.draw_past, self.send_reset)
+        self.server = ViewServer(self.values, self.page_state, self.draw_past, self.send_reset)
         self._browsers: list[WebSocketClientConnection] = []
 
     def draw_past(self, number: int, with_volume: bool):
@@ -38,7 +38,7 @@ class Stage:
 
     def show(self, sequence: int) -> None:
         self.values.set(show("banner", {"sequence": sequence}))
-        self.station.note_frame()
+        self.page_state.note_frame()
         self.server.flush()
 
     async def get(self, path: str = "", **headers: str):
@@ -218,7 +218,9 @@ def test_a_port_in_use_and_an_impossible_one_are_named():
         port = int(stage.server.url.rstrip("/").rsplit(":", 1)[1])
         for unusable in (port, 70_000):
             with pytest.raises(ArmguardError, match=str(unusable)):
-                ViewServer(stage.values, stage.station, stage.draw_past, stage.send_reset, unusable)
+                ViewServer(
+                    stage.values, stage.page_state, stage.draw_past, stage.send_reset, unusable
+                )
 
     on_stage(play)
 
@@ -301,7 +303,7 @@ def test_news_tell_each_browser_once_what_was_added_to_the_strip():
         assert (await hear(browser))[0]["moments"] == []
         for number in range(3):
             frame = make_frame(now=float(number))
-            stage.station.film.add(frame, b"")
+            stage.page_state.film.add(frame, b"")
         for expected in (3, 0):
             await browser.write_message(DONE)
             await asyncio.sleep(0.05)

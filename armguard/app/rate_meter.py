@@ -1,4 +1,4 @@
-"""How often sources are heard, counted by those who look now and then."""
+"""How many messages come in a second, from readings of a count."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 import msgspec
 
 from armguard.view.drawing import Command
-from armguard.view.latest import BUNDLE_BYTES, LatestValues
+from armguard.view.latest_values import BUNDLE_BYTES, LatestValues
 
 PREFACE = msgspec.msgpack.encode("preface")
 

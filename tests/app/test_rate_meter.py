@@ -1,6 +1,6 @@
 import pytest
 
-from armguard.app.heard import STEP, WINDOW, RateMeter
+from armguard.app.rate_meter import STEP, WINDOW, RateMeter
 
 
 @pytest.mark.parametrize("rate", [2.0, 30.0, 1000.0])

@@ -1,4 +1,4 @@
-"""In which frame each obstacle was told, so that a wrong frame is not taken for another body.
+"""In which frame samples of each obstacle came: a wrong frame must not look like another body.
 
 Samples that contradict what is accepted, and agree with each other, are taken for another body that
 goes by the same id, and become its accepted track. Where they also come in another frame than what
@@ -19,7 +19,7 @@ from armguard.jit.arrays import BoolArray, IntArray
 from armguard.obstacles.acceptance import LATE, TAKEN, TRACK_CHANGED
 
 
-class ToldFrames:
+class FrameHistory:
     """Frames of accepted samples, and those that contradicted them, by source.
 
     As long as a source uses one frame, `is_usual` is all that a message costs.

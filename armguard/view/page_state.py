@@ -15,8 +15,8 @@ from armguard.view.drawing import show
 from armguard.view.film import Film, Moment
 
 
-class Told:
-    """How much of the film a browser has been told."""
+class FilmPosition:
+    """How much of the film a browser has received."""
 
     def __init__(self) -> None:
         self.edition = -1
@@ -25,8 +25,8 @@ class Told:
         """Number of the last event that was told, counted from 1."""
 
 
-class Station:
-    """Gathers the news.
+class PageState:
+    """Gathers what the page shows beside the picture.
 
     Args:
         address: Of the feed, for the page to say.
@@ -54,7 +54,7 @@ class Station:
         self._last_frame = self._clock()
         self.status = self.problem = ""
 
-    def tell(self, told: Told) -> bytes:
+    def tell(self, told: FilmPosition) -> bytes:
         """The news for a browser; from now on it has been told them."""
         film = self.film
         if told.edition != film.edition:
