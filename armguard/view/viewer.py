@@ -46,6 +46,8 @@ ANSWER_TIMEOUT = 5.0
 """How long a reset that was sent waits for the monitor to tell what became of it, in [s]."""
 REACH_INTERVAL = 0.02
 """Between two looks whether the monitor listens, in [s]."""
+REST_TIMEOUT = 2000
+"""How long the next message of a recording is waited for at the end, in [ms]."""
 QUEUE_LIMIT = 64
 _logger = logging.getLogger("armguard.view")
 
@@ -117,6 +119,8 @@ class Watch:
         self._is_resetting = False
         self._has_told = asyncio.Event()
         """Whether a frame has come since this was cleared."""
+        self._is_recorded: bool | None = None
+        """Of the feed; None: no scene has come."""
         self._complained = -COMPLAINT_INTERVAL
         self._complaints = 0
         self.url = self._server.url
@@ -146,13 +150,23 @@ class Watch:
         self._socket.disable_monitor()
         self._context.destroy(linger=0)
 
+    async def read_rest(self) -> None:
+        """Read a recording to its end, or until nothing comes for a while."""
+        while self._is_recorded is not False and not self._page_state.is_over:
+            if not await self._socket.poll(REST_TIMEOUT):
+                return
+            self._draw_newest(await self._receive())
+
     async def _draw(self) -> None:
         while True:
-            payloads = [await self._socket.recv()]
-            # Only the newest moment is drawn; what waited behind it is kept, and past.
-            while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
-                payloads.append(await self._socket.recv())
-            self._draw_newest(payloads)
+            self._draw_newest(await self._receive())
+
+    async def _receive(self) -> list[bytes]:
+        """The next message, and those that wait behind it: only the newest moment is drawn."""
+        payloads = [await self._socket.recv()]
+        while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
+            payloads.append(await self._socket.recv())
+        return payloads
 
     async def _follow(self) -> None:
         """Notice when the monitor comes and goes."""
@@ -207,6 +221,7 @@ class Watch:
         self._server.flush()
 
     def _draw_scene(self, scene: SceneMessage) -> None:
+        self._is_recorded = scene.is_recorded
         try:
             is_new = self._picture.draw_scene(scene)
         except Exception as error:  # alike
@@ -345,6 +360,7 @@ async def watch(
         await asyncio.gather(drawing_task, return_exceptions=True)
         try:
             if export is not None:
+                await view.read_rest()
                 view.export(export)
         finally:
             view.close()

@@ -1,4 +1,7 @@
+import base64
+import gzip
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -6,10 +9,13 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.view import launch
+from armguard.view import FramePublisher, launch
+from armguard.view.messages import StatusMessage
+from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0
 
@@ -119,3 +125,20 @@ def test_a_stopped_view_can_be_closed():
     os.kill(process.pid, signal.SIGSTOP)
     process.close()
     assert not is_alive(process.pid)
+
+
+def test_an_export_has_what_was_sent_before_its_end_though_the_view_was_slow(tmp_path):
+    export, count = tmp_path / "film.html", 100
+    with FramePublisher("tcp://127.0.0.1:*", is_patient=True) as publisher:
+        view = launch(publisher.address, export=export)
+        publisher.publish_scene(make_scene(robot="bare", is_recorded=True))
+        os.kill(view.pid, signal.SIGSTOP)
+        for number in range(count):
+            publisher.publish_frame(make_frame(sequence=number + 1, now=0.1 * number))
+        publisher.publish_status(StatusMessage(text="the end", is_over=True))
+        os.kill(view.pid, signal.SIGTERM)
+        os.kill(view.pid, signal.SIGCONT)
+        view.close(60.0)
+    packed = re.search(r'id="film" type="text/plain">([^<]*)<', export.read_text())[1]
+    film = msgspec.msgpack.decode(gzip.decompress(base64.b64decode(packed)))
+    assert film["news"]["moments"][-1][1] == pytest.approx(0.1 * (count - 1))
