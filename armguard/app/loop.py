@@ -396,7 +396,7 @@ def _make_plan(request: PlanRequest) -> Plan:
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
-    """What a run is told beside its cell."""
+    """Options of a run that do not stand in its cell file."""
 
     obstacles_address: str = OBSTACLES_ADDRESS
     """Bound for publishers of obstacles; "-" reads JSON lines from standard input, with the joint

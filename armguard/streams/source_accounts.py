@@ -1,8 +1,8 @@
 """What each source of obstacles has sent, held against its limits.
 
-A short message is decoded before it is charged to its source, and a long one after that. So a
-message that is refused costs little, however long it is. What is too long for a client whose key
-lets it send obstacles alone is refused unread.
+A short message is decoded first, and then charged to its source. A long one is charged first, by
+its header alone, and then decoded. So a message that is refused costs little, however long it is.
+What is too long for a client whose key lets it send obstacles alone is refused unread.
 """
 
 from __future__ import annotations
