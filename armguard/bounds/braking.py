@@ -17,7 +17,8 @@ import pinocchio
 
 from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint import JointSpaceMotion
-from armguard.bounds.joint_table import JointTable, set_columns, set_span
+from armguard.bounds.joint_box import set_columns
+from armguard.bounds.joint_table import JointTable, set_span
 from armguard.bounds.limits import JointLimits, check_state, find_flaw, refuse_flaw
 from armguard.bounds.model import check_duration
 from armguard.bounds.sums import sum_levers, sum_second_order
@@ -193,7 +194,7 @@ class BrakingMotion(JointSpaceMotion):
         self._check_covered(velocity, age, check_duration("horizon", horizon))
         table = self.tabulate(position, velocity, age, horizon)
         set_span(table, 0, len(table.time) - 1, 1.0)
-        high, low, size = table.span
+        high, low, size = table.box.span
         middle, half = 0.5 * (high + low), 0.5 * (high - low)
         jacobian = pinocchio.computeJointJacobians(self._robot.model, self._data, position)
         jacobian = jacobian.reshape(6, -1)  # Pinocchio makes a vector of a single joint's.
@@ -203,8 +204,8 @@ class BrakingMotion(JointSpaceMotion):
             joint = self._data.oMi[self._robot.joint_index(link)]
             for x, y, z, radius in self._robot.cover.tree(link).spheres:
                 place = joint.act(np.array([x, y, z]))
-                set_columns(place[0], place[1], place[2], jacobian, table)
-                moving = np.where(self.lever[row] > 0.0, table.columns, 0.0)
+                set_columns(place[0], place[1], place[2], jacobian, table.box)
+                moving = np.where(self.lever[row] > 0.0, table.box.columns, 0.0)
                 center = place + moving @ middle
                 volumes[row, :3] = self._base.act(center)
                 volumes[row, 3] = radius + np.linalg.norm(moving, axis=0) @ half

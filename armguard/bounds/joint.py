@@ -9,13 +9,8 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.displacement import fill_displacements
-from armguard.bounds.joint_table import (
-    JointTable,
-    displacement_in_span,
-    make_table,
-    set_columns,
-    set_span,
-)
+from armguard.bounds.joint_box import displacement_in_box, set_columns
+from armguard.bounds.joint_table import JointTable, make_table, set_span
 from armguard.bounds.limits import check_state, find_flaw, read_limits, refuse_flaw
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.sums import (
@@ -159,11 +154,11 @@ def _largest_displacement(
 ) -> float:
     """Greatest displacement over any step of the table; 0 if all are negative."""
     largest = 0.0
-    set_columns(place[0], place[1], place[2], jacobian, table)
+    set_columns(place[0], place[1], place[2], jacobian, table.box)
     for node in range(table.time.shape[0] - 1):
         set_span(table, node, node + 1, 1.0)
-        displacement = displacement_in_span(
-            along[0], along[1], along[2], jacobian, lever, slope_error, table
+        displacement = displacement_in_box(
+            along[0], along[1], along[2], jacobian, lever, slope_error, table.box
         )
         largest = max(largest, displacement)
     return largest

@@ -24,7 +24,8 @@ from armguard.bounds.free_body import (
     saturation_time,
     top_speed,
 )
-from armguard.bounds.joint_table import JointTable, set_columns, set_span, stays_within
+from armguard.bounds.joint_box import set_columns, stays_within
+from armguard.bounds.joint_table import JointTable, set_span
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
@@ -96,9 +97,9 @@ def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
             high = min(table.high[node, j], table.highest[j])
             low = max(table.low[node, j], table.lowest[j])
             middle = 0.5 * (high + low)
-            x += table.columns[0, j] * middle
-            y += table.columns[1, j] * middle
-            z += table.columns[2, j] * middle
+            x += table.box.columns[0, j] * middle
+            y += table.box.columns[1, j] * middle
+            z += table.box.columns[2, j] * middle
     points, velocities, count, bounds = hull
     ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
     # Beyond that time the obstacle may be headed anywhere.
@@ -120,7 +121,7 @@ def _is_interval_free(
 ) -> bool:
     """Whether a direction separates both from one node on to a fraction of the time to another.
 
-    `table.columns` are the sphere's.
+    `table.box.columns` are the sphere's.
     """
     x, y, z, jacobian, lever, slope_error = sphere
     nx, ny, nz = normal
@@ -131,7 +132,7 @@ def _is_interval_free(
     age = hull.bounds.age
     room = obstacle_room(normal, (x, y, z), hull, age + start, age + end)
     room -= contact_distance * (1.0 + SUM_ROUNDING)
-    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table)
+    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table.box)
     return is_free
 
 
@@ -168,7 +169,7 @@ def is_free_to_end(
         contact_distance: Both radii, margin and position errors, the arm's included, in [m].
     """
     nodes = table.time.shape[0] - 1
-    are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table)
+    are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
     if not (_is_usable(hull, contact_distance) and are_finite):
         return False
     normal = _aim(sphere, table, nodes, hull)
@@ -213,7 +214,7 @@ def table_contact_time(
     first = 0
     while time[first + 1] <= reached:
         first += 1
-    if not set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table):
+    if not set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box):
         return reached
     # Mostly what is enough can be had at once: one direction for all the time until then.
     last = first + 1

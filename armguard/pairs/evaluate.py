@@ -20,7 +20,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.table import States
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
-from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm, thread_tree
+from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
 from armguard.robot.kinematics import Kinematics
 
 NO_LIMIT = 2**62
@@ -60,7 +60,7 @@ class TickState:
         self.now = 0.0
         self.arm_age = 0.0
         self.refinement_threshold = 0.0
-        self.tree = thread_tree(kinematics.spheres)
+        self.tree = kinematics.spheres.tree
         self.link_of = kinematics.spheres.link
         self.motion = motion
         isotropic, joint = motion.isotropic, motion.joint

@@ -17,7 +17,7 @@ from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.table import Marks, States
-from armguard.robot.kinematics import ArmPlacement, ArmSpheres, move_spheres
+from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
 UNKNOWN, REACH, ISOTROPIC, JOINT, DISTANCE = range(5)
 """What a contact time rests on: nothing (the obstacle's whereabouts are unknown), or a bound on the
@@ -29,21 +29,6 @@ BOUND_NAMES = ("unknown", "reach", "isotropic", "joint", "distance")
 ADVANCES = 8
 """Steps of conservative advancement in an evaluation, at most. Any number is safe; nearly every
 pair has converged by then, and no verdict was seen to change with more."""
-
-
-class SphereTree(NamedTuple):
-    """All links' sphere trees in one, threaded so that it can be walked without a stack."""
-
-    root: IntArray
-    """First node of each link. Shape (links,)."""
-    first_child: IntArray
-    """First child of each node, -1 for a leaf. Shape (n,)."""
-    parent: IntArray
-    """Parent of each node, -1 for a root. Shape (n,)."""
-    skip: IntArray
-    """Where to go on when a node is not opened; -1 at the end of its link. Shape (n,)."""
-    radius: FloatArray
-    """[m]. Shape (n,)."""
 
 
 class ArmArrays(NamedTuple):
@@ -112,22 +97,6 @@ class Scene(NamedTuple):
     """Room to work in: what those rest on. Shape (links,)."""
     sphere_time: FloatArray
     """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
-
-
-def thread_tree(spheres: ArmSpheres) -> SphereTree:
-    """Add parents and skips to the sphere trees, so that kernels walk them without a stack."""
-    count = len(spheres.radius)
-    parent = np.full(count, -1, dtype=np.int64)
-    skip = np.full(count, -1, dtype=np.int64)
-    first_child = np.where(spheres.child_count > 0, spheres.first_child, -1).astype(np.int64)
-    # Parents stand before their children, so every skip is known before it is handed down.
-    for node in range(count):
-        first = first_child[node]
-        for child in range(first, first + int(spheres.child_count[node]) if first >= 0 else first):
-            last = child == first + spheres.child_count[node] - 1
-            parent[child] = node
-            skip[child] = skip[node] if last else child + 1
-    return SphereTree(spheres.root, first_child, parent, skip, spheres.radius)
 
 
 @separate_kernel

@@ -27,8 +27,9 @@ from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import Marks, States
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import ArmArrays, SphereTree
+from armguard.pairs.scene import ArmArrays
 from armguard.pairs.separation import separation_of
+from armguard.robot.kinematics import SphereTree
 from armguard.settings.declarations import read_number
 from armguard.settings.separation_rule import SeparationRule
 

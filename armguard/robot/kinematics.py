@@ -47,6 +47,21 @@ class ArmPlacement(NamedTuple):
     """Their velocities in the world, in [m]/[s]. Shape (n, 3)."""
 
 
+class SphereTree(NamedTuple):
+    """All links' sphere trees in one, threaded so that it can be walked without a stack."""
+
+    root: IntArray
+    """First node of each link. Shape (links,)."""
+    first_child: IntArray
+    """First child of each node, -1 for a leaf. Shape (n,)."""
+    parent: IntArray
+    """Parent of each node, -1 for a root. Shape (n,)."""
+    skip: IntArray
+    """Where to go on when a node is not opened; -1 at the end of its link. Shape (n,)."""
+    radius: FloatArray
+    """[m]. Shape (n,)."""
+
+
 class ArmSpheres:
     """The sphere trees of all links in one flat set of read-only arrays.
 
@@ -61,6 +76,7 @@ class ArmSpheres:
         first_child: Index of the first child, -1 for a leaf. Shape (n,).
         child_count: Number of children, 0 for a leaf. Shape (n,).
         root: Index of each link's root. Shape (L,).
+        tree: The same for compiled code.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,6 +96,20 @@ class ArmSpheres:
         self.first_child: IntArray = _frozen(first_child, np.int64)
         self.child_count: IntArray = _frozen(child_count, np.int64)
         self.root: IntArray = _frozen(roots, np.int64)
+        parent, skip = np.full((2, len(spheres)), -1)
+        # Parents stand before their children, so every skip is known before it is handed down.
+        for node, first in enumerate(first_child):
+            children = range(first, first + child_count[node])
+            for child in children:
+                parent[child] = node
+                skip[child] = skip[node] if child == children[-1] else child + 1
+        self.tree = SphereTree(
+            self.root,
+            self.first_child,
+            _frozen(parent, np.int64),
+            _frozen(skip, np.int64),
+            self.radius,
+        )
 
     def __len__(self) -> int:
         """Number of spheres of the whole arm."""

@@ -22,6 +22,7 @@ ISOTROPIC, JOINT = "isotropic", "joint, no braking"
 OPERATING = "operating limits"
 LEAST = "least of any sound rule"
 PIECES = "pieces with their own stop"
+LEFT = ", leave=any"
 NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
 WITH_ERRORS = ", errors included"
@@ -39,6 +40,7 @@ DESCRIPTIONS = {
     f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
     PIECES: "operating limits, and `commit`: in each tick the next piece, with a stop at its end;"
     " no reaction time enters; an arm that is refused one stops at the end of the one before",
+    PIECES + LEFT: 'the same with `leave="any"`: joints may leave a piece at any moment',
     PIECES + NO_LOAD: "the same with `payload=0`: brakes as they are without load",
 }
 """What is particular about monitors with settings."""
@@ -48,7 +50,7 @@ ORDER = (
     ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION,
     SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, BRAKING,
     BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PIECES,
-    PIECES + NO_LOAD,
+    PIECES + LEFT, PIECES + NO_LOAD,
 )  # fmt: skip
 """All rules, as tables have them."""
 
@@ -141,6 +143,7 @@ def make_rules(
         LeastRule(*given, LEAST + NO_LOAD, payload=0.0),
         MonitorRule(*given, OPERATING, operating=operating),
         PieceRule(*given, PIECES, **known),
+        PieceRule(*given, PIECES + LEFT, leave="any", **known),
         PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
     ]
     if setting.camera == scope.cameras[0]:

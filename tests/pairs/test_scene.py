@@ -12,7 +12,6 @@ from armguard.pairs.scene import (
     JOINT,
     REACH,
     UNKNOWN,
-    thread_tree,
 )
 from armguard.robot import Kinematics
 from support.panda_monitor import HOME, panda
@@ -23,7 +22,7 @@ TABLE = ("high", "low", "highest", "lowest")
 
 
 def test_the_threaded_tree_visits_every_sphere_once():
-    tree = thread_tree(SPHERES)
+    tree = SPHERES.tree
     for link, root in enumerate(SPHERES.root):
         seen, node = [], root
         while node >= 0:
@@ -38,7 +37,7 @@ def test_the_threaded_tree_visits_every_sphere_once():
 
 def test_a_skip_leaves_out_all_that_is_below():
     """And nothing else: it goes on where a walk through everything comes afterwards."""
-    tree = thread_tree(SPHERES)
+    tree = SPHERES.tree
 
     def walk(node):
         while node >= 0:

@@ -15,10 +15,11 @@ from armguard.jit import pack
 from armguard.obstacles import Obstacles
 from armguard.pairs import SeparationRule, compute_separation
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import ArmArrays, SphereTree, thread_tree
+from armguard.pairs.scene import ArmArrays
 from armguard.pairs.separation import distance_covered, separation_of
 from armguard.pairs.separation_margin import SeparationMargin
 from armguard.robot import Kinematics, Robot
+from armguard.robot.kinematics import SphereTree
 
 PANDA = Robot.load("panda")
 KINEMATICS = Kinematics(PANDA)
@@ -63,7 +64,7 @@ def one_sphere(
 
 
 def whole_arm():
-    tree = SphereTree(*(np.array(values) for values in thread_tree(SPHERES)))
+    tree = SphereTree(*(np.array(values) for values in SPHERES.tree))
     arm = make_arm(
         KINEMATICS.centers, KINEMATICS.velocities, MOTION.accel, MOTION.speed,
         MOTION.position_error, MOTION.velocity_error,

@@ -16,14 +16,14 @@ import math
 from typing import Any, NamedTuple
 
 from armguard.bounds.free_body import saturation_time
+from armguard.bounds.joint_box import stays_within
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
     PlannedCourse,
     Vector,
-    close_deviation_along,
-    deviation_along,
     find_center,
+    set_slab,
 )
 from armguard.bounds.table_time import obstacle_room
 from armguard.contact.bodies import Bounds, Hull
@@ -137,15 +137,17 @@ def _is_sphere_free(
     """Whether a body stays out of a sphere of the arm in one slab."""
     center = find_center(arm, course.placement[slab], node)
     room, normal = _find_room(center, body, start, end)
-    room -= _find_reach(arm.radius[node], body)
+    room -= _find_reach(arm.tree.radius[node], body)
     if not room > 0.0:
         return False
-    jacobian, half, lever = course.jacobian[slab], course.half[slab], arm.lever[node]
-    deviation = deviation_along(normal, center, jacobian, half, lever, arm.turning)
-    if room > deviation or arm.child_count[node] > 0:
-        return room > deviation
-    # Children would see a sphere more closely, but a leaf has none.
-    return room > close_deviation_along(normal, center, jacobian, half, lever, arm.turning)
+    if not set_slab(arm, course, slab, center):
+        return False
+    # Columns are of a point whose place was rounded.
+    room -= SUM_ROUNDING * (abs(center[0]) + abs(center[1]) + abs(center[2]))
+    nx, ny, nz = normal
+    jacobian, lever = course.jacobian[slab], arm.lever[node]
+    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, arm.exact, arm.box)
+    return is_free
 
 
 @kernel
@@ -178,19 +180,15 @@ def _find_contact(
                 continue
         end = body.age + (course.end[slab] - offset)
         # Else the slab by itself: down the tree, to the children of spheres that are not free.
-        arm.stack[0] = arm.root[link]
-        waiting = 1
-        while waiting > 0:
-            waiting -= 1
-            node = arm.stack[waiting]
+        node = arm.tree.root[link]
+        while node >= 0:
             evaluated += 1
             if _is_sphere_free(node, slab, course, arm, body, start, end):
-                continue
-            if arm.child_count[node] == 0:
+                node = arm.tree.skip[node]
+            elif arm.tree.first_child[node] >= 0:
+                node = arm.tree.first_child[node]
+            else:
                 return slab, node, evaluated
-            for child in range(arm.child_count[node]):
-                arm.stack[waiting] = arm.first_child[node] + child
-                waiting += 1
         slab += 1
     return limit, NONE, evaluated
 
@@ -217,7 +215,7 @@ def find_planned_contact(
         handle.content.refused_bodies,
         handle.content.marks,
     )
-    links = arm.root.shape[0]
+    links = arm.tree.root.shape[0]
     slabs = course.start.shape[0]
     offset = now - course.epoch
     # The slab that the arm is in now.

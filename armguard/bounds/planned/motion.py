@@ -14,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import read_limits
 from armguard.bounds.model import check_question, read_only
 from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
-from armguard.bounds.planned.course import ArmShape, PlannedCourse, deviation_along
+from armguard.bounds.planned.course import ArmShape, PlannedCourse, set_slab
 from armguard.bounds.planned.curve import evaluate_curve
 from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
@@ -72,16 +73,14 @@ class PlannedMotion:
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
+        turning = np.array([not is_prismatic(robot.model, number) for number in numbers])
         self._arm = ArmShape(
-            radius=spheres.radius,
-            first_child=spheres.first_child,
-            child_count=spheres.child_count,
-            root=spheres.root,
+            tree=spheres.tree,
             lever=compute_sphere_levers(robot) if lever is None else read_only(lever),
-            turning=np.array([not is_prismatic(robot.model, number) for number in numbers]),
+            box=make_box(turning, np.zeros(len(turning))),
             carrier=np.array(spheres.joint),
             local=np.array(spheres.local),
-            stack=np.zeros(len(spheres), dtype=np.int64),
+            exact=np.zeros(len(turning)),
         )
         self._still = np.zeros(len(robot.joints))
         self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
@@ -240,13 +239,15 @@ class PlannedMotion:
         for slab in np.flatnonzero(course.start <= t):
             kinematics.compute(course.middle[slab], self._still)
             place = kinematics.data.oMi[joint].act(local)
-            deviation = deviation_along(
-                (along[0], along[1], along[2]),
-                (place[0], place[1], place[2]),
+            set_slab(self._arm, course, slab, (place[0], place[1], place[2]))
+            deviation = displacement_in_box(
+                along[0],
+                along[1],
+                along[2],
                 course.jacobian[slab],
-                course.half[slab],
                 lever,
-                self._arm.turning,
+                self._arm.exact,
+                self._arm.box,
             )
             largest = max(largest, float(along @ place) - origin + deviation)
         return largest

@@ -226,14 +226,14 @@ def _enclose(
         the whole arm, (4,).
     """
     blocks = (half.shape[0] + BLOCK - 1) // BLOCK
-    balls, ball = np.empty((blocks, arm.root.shape[0], 4)), np.empty(4)
+    balls, ball = np.empty((blocks, arm.tree.root.shape[0], 4)), np.empty(4)
     lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
     low, high = np.empty(3), np.empty(3)
     centers = np.empty((BLOCK, 3))
     for block in range(balls.shape[0]):
         first, last = block * BLOCK, min((block + 1) * BLOCK, half.shape[0])
         for link in range(balls.shape[1]):
-            root = arm.root[link]
+            root = arm.tree.root[link]
             low[:], high[:] = np.inf, -np.inf
             for slab in range(first, last):
                 center = centers[slab - first]
@@ -256,7 +256,7 @@ def _enclose(
                 checked += math.sqrt(square) + reach
             # The greatest of some numbers may pass over one that is none.
             radius = radius if checked < math.inf else math.inf
-            balls[block, link, 3] = radius + arm.radius[root]
+            balls[block, link, 3] = radius + arm.tree.radius[root]
             _widen(balls[block, link])
     for a in range(3):
         ball[a] = 0.5 * (lowest[a] + highest[a])

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
+from armguard.bounds.joint_box import make_box
 from armguard.bounds.planned.contact import NONE, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape
 from armguard.jit.handle import pack
 from armguard.obstacles import Obstacles
+from armguard.robot.kinematics import SphereTree
 from support.example_arms import load_holding
 from support.plan_cases import all_pairs, place_course
 
@@ -57,9 +59,9 @@ def make_slide(along, center, radius, half):
         return array
 
     arm = ArmShape(
-        frozen([radius]), frozen([-1]), frozen([0]), frozen([0]),
-        np.ones((1, 1)), np.array([False]), np.zeros(1, dtype=np.int64), np.zeros((1, 3)),
-        np.zeros(1, dtype=np.int64),
+        SphereTree(*(frozen([value]) for value in (0, -1, -1, -1, radius))),
+        np.ones((1, 1)), make_box(np.array([False]), np.zeros(1)), np.zeros(1, dtype=np.int64),
+        np.zeros((1, 3)), np.zeros(1),
     )  # fmt: skip
     jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
     ball = np.append(center, radius + half)

@@ -107,7 +107,7 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
         jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
         table = joint.tabulate(q, v, 0.0)
         # Beside the hand, closer than joint bounds can spare for as long as the plan takes.
-        place = place_course(motion, course)[0, motion._arm.root[-3]] + unit(
+        place = place_course(motion, course)[0, motion._arm.tree.root[-3]] + unit(
             random
         ) * random.uniform(0.5, 1.2)
         obstacles = Obstacles()
@@ -115,11 +115,11 @@ def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
         body, row = obstacles.table.accepted, int(np.flatnonzero(obstacles.table.alive)[0])
         hull = Hull(body.points[row], body.velocities[row], 1, Bounds(10.0, 2.0, 0.0, 0.0))
         free = np.inf
-        for sphere in np.flatnonzero(motion._arm.child_count == 0):
+        for sphere in np.flatnonzero(motion._arm.tree.first_child < 0):
             center = data.oMi[int(motion._kinematics.spheres.joint[sphere])].act(
                 motion._kinematics.spheres.local[sphere]
             )
-            reach = motion._arm.radius[sphere] + 0.1 + joint.position_error[sphere]
+            reach = motion._arm.tree.radius[sphere] + 0.1 + joint.position_error[sphere]
             bounded = ArmSphere(*center, jacobian, joint.lever[sphere], joint.slope_error[sphere])
             free = min(free, table_contact_time(bounded, table, hull, reach, 0.0))
         planned = ask(motion, course, obstacles, len(robot.links), 0.0).time
@@ -199,7 +199,7 @@ def test_a_deviation_without_end_frees_nothing(robot, motion):
 def test_whole_numbers_are_asked_for_as_any_others(robot, motion):
     _, _, plan, _ = lay_out(robot, motion, np.random.default_rng(4))
     course = motion.lay_out(plan._replace(now=0))
-    place = place_course(motion, course)[0, motion._arm.root[-1]] + [0.0, 0.0, 0.6]
+    place = place_course(motion, course)[0, motion._arm.tree.root[-1]] + [0.0, 0.0, 0.6]
     obstacles, links = Obstacles(accel=0.0, speed=0.0), len(robot.links)
     obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
     assert ask(motion, course, obstacles, links, 0, 0).time == np.inf

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from armguard.bounds.joint_box import make_box
 from armguard.bounds.planned.course import BLOCK, ArmShape
 from armguard.bounds.planned.placing import (
     PlacedArm,
@@ -29,11 +30,11 @@ def draw_configurations(robot, count, random):
 def pack_arm(robot, kinematics, random):
     """Its spheres, with levers of any lengths, and a handle on what is placed."""
     spheres = kinematics.spheres
+    nothing = np.zeros(len(robot.joints))
     arm = ArmShape(
-        spheres.radius, spheres.first_child, spheres.child_count, spheres.root,
-        random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
-        np.ones(len(robot.joints), dtype=bool), np.array(spheres.joint), np.array(spheres.local),
-        np.zeros(len(spheres), dtype=np.int64),
+        spheres.tree, random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
+        make_box(np.ones(len(robot.joints), dtype=bool), nothing), np.array(spheres.joint),
+        np.array(spheres.local), nothing,
     )  # fmt: skip
     return arm, pack(PlacedArm(make_chain(kinematics), arm))
 
@@ -62,11 +63,11 @@ def test_balls_contain_what_they_are_around(slabs):
     half = random.uniform(0.0, 0.1, (slabs, len(robot.joints)))
     placement, _, balls, ball = place_all(handle, configurations, half)
     centers = place_spheres(handle, placement)
-    assert balls.shape == (-(-slabs // BLOCK), len(arm.root), 4)
+    assert balls.shape == (-(-slabs // BLOCK), len(arm.tree.root), 4)
     for slab in range(slabs):
-        reach = arm.lever[arm.root] @ half[slab] + arm.radius[arm.root]
+        reach = arm.lever[arm.tree.root] @ half[slab] + arm.tree.radius[arm.tree.root]
         around = balls[slab // BLOCK]
-        away = np.linalg.norm(centers[slab, arm.root] - around[:, :3], axis=1)
+        away = np.linalg.norm(centers[slab, arm.tree.root] - around[:, :3], axis=1)
         assert (away + reach <= around[:, 3]).all()
     away = np.linalg.norm(balls[..., :3] - ball[:3], axis=2) + balls[..., 3]
     assert away.max() <= ball[3] <= away.max() + 1e-9
@@ -80,7 +81,7 @@ def test_what_is_not_finite_is_anywhere():
     configurations[3, 2] = np.nan
     placement, _, balls, ball = place_all(handle, configurations, np.zeros_like(configurations))
     centers = place_spheres(handle, placement)
-    moved = np.isnan(centers[3, arm.root]).any(axis=1)
+    moved = np.isnan(centers[3, arm.tree.root]).any(axis=1)
     assert moved.any()
     assert not (balls[0, moved, 3] < np.inf).any()
     assert (balls[1, :, 3] < np.inf).all()
