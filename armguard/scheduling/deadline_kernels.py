@@ -99,7 +99,8 @@ LATEST = sys.float_info.max
 """Latest time that is asked for: what is not watched has no end, nor has what never comes near."""
 
 CROWD = 48
-"""Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait."""
+"""Evaluations in a tick beyond which, once a STOP is certain, other obstacles wait, unless all are
+to be evaluated."""
 
 BATCH = 64
 """Evaluations on proofs of stops in a tick beyond which further proofs are to end earlier than the
@@ -222,15 +223,12 @@ def _evaluate_links(
         return best, evaluations
     age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
     state = StatePlace(row, bool(0), age)
-    with_reach = scene.settings.with_reach
     # What links cannot leave comes first; UNKNOWN marks those of whose spheres nothing is known.
     for each in range(links):
         if certificates.watched[row, each]:
-            scene.link_time[each] = lower_bound
+            scene.link_time[each] = link_reach_time(scene, each, state, lower_bound)
             scene.link_bound[each] = UNKNOWN
-            if with_reach:
-                scene.link_time[each] = link_reach_time(scene, each, state, lower_bound)
-                evaluations += 1
+            evaluations += 1
     # Each round takes the most imminent link that is left: once to know the sphere around it, once
     # to be refined, in an order by which later ones seldom need either. -1 marks those done.
     for _ in range(2 * links):
@@ -369,6 +367,8 @@ class TickData(NamedTuple):
     """Of ticks, in [s]."""
     budget: int
     """Evaluations in a tick after which nothing further is begun."""
+    crowd: int
+    """The same once a STOP is certain."""
     decides: bool
     """Whether a stop decision is asked where a contact time alone would stop the arm."""
 
@@ -484,6 +484,7 @@ def _evaluate_due(
     )
     braking_delay, max_staleness = watching.braking_delay, watching.max_staleness
     period, budget, decides = watching.period, watching.budget, watching.decides
+    crowd = watching.crowd
     # With what could be touched sooner, a STOP is certain: before brakes bite, or another tick.
     soonest = braking_delay if decides else period
     # After a STOP by its decision another one is to be expected. What waits for that is not
@@ -499,7 +500,7 @@ def _evaluate_due(
     # The most urgent row first, until nothing waits or the budget is spent.
     evaluated = spent_before
     certain = expects_stop
-    while evaluated < budget and not (certain and evaluated > CROWD):
+    while evaluated < budget and not (certain and evaluated > crowd):
         row = most_urgent(wheel)
         if row == NOBODY:
             break

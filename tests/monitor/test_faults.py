@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles, Source
 from armguard.obstacles import table as obstacle_table
-from armguard.scheduling import deadline, pair_scheduler
+from armguard.scheduling import scheduler
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import (
     FAR,
@@ -30,7 +30,7 @@ from support.panda_monitor import (
 
 HOLD = 0.3
 
-PAIR_SCHEDULES = ["full", "distance", "daa"]
+PAIR_SCHEDULES = ["full", "daa"]
 SCHEDULES = ["deadline", *PAIR_SCHEDULES]
 
 
@@ -121,8 +121,8 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
     with monkeypatch.context() as patch:
-        patch.setattr(monitor._scheduler, "_advance", lambda *_: 1 // 0, raising=False)
-        patch.setattr(pair_scheduler, "evaluate", lambda *_: 1 // 0)
+        part = "_advance" if schedule == "deadline" else "_evaluate_due"
+        patch.setattr(monitor._scheduler, part, lambda *_: 1 // 0)
         (verdict,) = keep(obstacles, monitor, 5, 1)
     assert (verdict.level, verdict.contact_time) == (Level.STOP, 0.0)
     assert subjects(verdict, ReasonKind.INTERNAL_ERROR) == {"ZeroDivisionError"}
@@ -138,8 +138,6 @@ def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
 def test_an_error_in_a_schedule_loses_no_pair(schedule, method, monkeypatch):
     """Wherever it strikes: after a reset each pair is watched."""
     obstacles, monitor = make_monitor(schedule)
-    if method == "flagged" and not monitor._scheduler.certificates.keeps_certificates:
-        pytest.skip("this schedule flags nothing, and is not asked")
     see(obstacles, 0.0, [FAR, FAR], ("stays", "goes"))
     steps(monitor, 0, 1)
     obstacles.remove(["goes"])
@@ -165,7 +163,7 @@ def test_an_error_in_the_watch_by_deadlines_loses_no_obstacle(part, monkeypatch)
     obstacles.remove(["goes"])
     see(obstacles, PERIOD, [0.6, 0.0, 0.5], ("comes",))
     with monkeypatch.context() as patch:
-        place = monitor._scheduler if part.startswith("_") else deadline
+        place = monitor._scheduler if part.startswith("_") else scheduler
         patch.setattr(place, part, lambda *_: 1 // 0)
         (verdict,) = steps(monitor, 1, 1)
     assert ReasonKind.INTERNAL_ERROR in kinds(verdict)
@@ -322,10 +320,7 @@ def test_another_track_is_believed_after_five_samples(schedule):
         assert ReasonKind.OBSTACLE_REFUSED in kinds(verdict)
     see(obstacles, 6 * PERIOD, near)
     (verdict,) = steps(monitor, 6, 1)
-    expected = {ReasonKind.OBSTACLE_REFUSED} | (
-        {ReasonKind.BOUND_BROKEN} if schedule in ("daa", "deadline") else set()
-    )
-    assert kinds(verdict) & {ReasonKind.BOUND_BROKEN, ReasonKind.OBSTACLE_REFUSED} == expected
+    assert kinds(verdict) >= {ReasonKind.BOUND_BROKEN, ReasonKind.OBSTACLE_REFUSED}
     assert obstacles.table.points[obstacles.row("ball"), 0].tolist() == near
     for i in range(7, 320):
         see(obstacles, i * PERIOD, near)
@@ -361,10 +356,9 @@ def test_a_joint_that_runs_into_its_stop():
     assert not subjects(keep(obstacles, monitor, 0, 1, *away)[0], ReasonKind.JOINT_STOP_AHEAD)
 
 
-@pytest.mark.parametrize("schedule", ["deadline", "daa"])
-def test_steps_that_each_fit_but_not_together(schedule):
+def test_steps_that_each_fit_but_not_together():
     """Every sample agrees with the one before; the certificate behind them tells the truth."""
-    obstacles, monitor = make_monitor(schedule)
+    obstacles, monitor = make_monitor()
     see(obstacles, 0.0, FAR, position_error=0.05)
     assert steps(monitor, 0, 1)[0].level is Level.CLEAR
     broken = []

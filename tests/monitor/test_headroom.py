@@ -175,7 +175,7 @@ def test_what_stands_for_ever_has_nothing_to_gain_from_a_look():
     assert one.gain <= verdict.stamp + 1e-12
 
 
-@pytest.mark.parametrize("schedule", ["full", "distance"])
+@pytest.mark.parametrize("schedule", ["full"])
 def test_other_schedules_answer_too(schedule):
     obstacles, monitor = make_monitor(schedule)
     see(obstacles, 0.0, [[1.0, 0.0, 0.5], [2.0, 0.0, 0.5]], ("near", "far"))

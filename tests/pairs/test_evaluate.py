@@ -52,8 +52,8 @@ def free_motion(rng):
     return free_bodies(SimpleNamespace(**bounds, velocity_errors=errors))
 
 
-def make_state(motion, obstacles, *, by_distance=False, margin=MARGIN):
-    return TickState(KINEMATICS, motion, obstacles, margin=margin, by_distance=by_distance)
+def make_state(motion, obstacles, *, margin=MARGIN):
+    return TickState(KINEMATICS, motion, obstacles, margin=margin)
 
 
 def look(state, rows, now, arm_age=0.0, refinement_threshold=math.inf):
@@ -188,14 +188,12 @@ def test_contact_times_are_those_of_brute_force(count, seed):
     # Nothing matters: what the arm cannot leave is all that is asked for, once and for each link.
     assert few == len(rows) * (1 + LINKS)
     assert (bounds == REACH).all()
-    by_distance, *_ = look(make_state(motion, obstacles, by_distance=True), rows, now, arm_age)
     for i, body in enumerate(bodies):
         expected = brute_force(motion, body, now, arm_age)
         known = np.isfinite(expected)
         assert (times[i][known] <= expected[known] + 1e-9).all()
         assert times[i][known] == pytest.approx(expected[known], rel=1e-6, abs=1e-9)
-        for loose in (closed[i], by_distance[i]):
-            assert (loose[known] <= expected[known] + 1e-9).all()
+        assert (closed[i][known] <= expected[known] + 1e-9).all()
         assert (SPHERES.link[nodes[i]] == np.arange(LINKS)).all()
 
 
@@ -314,14 +312,11 @@ def test_extreme_values_end_in_contact_times():
             [str(i)], 0.0, [[x, 0.0, 0.0]], [[v, 0.0, 0.0]], radius=radius, accel=accel, speed=speed
         )
     rows = [obstacles.row(str(i)) for i in range(7)]
-    for by_distance in (False, True):
-        state = make_state(
-            free_motion(np.random.default_rng(0)), obstacles, by_distance=by_distance
-        )
-        times, *_ = look(state, rows, 0.0)
-        assert (times >= 0.0).all()
-        assert (times[4] == 0.0).all()
-        assert (times[5] < 1e-100).all()
+    state = make_state(free_motion(np.random.default_rng(0)), obstacles)
+    times, *_ = look(state, rows, 0.0)
+    assert (times >= 0.0).all()
+    assert (times[4] == 0.0).all()
+    assert (times[5] < 1e-100).all()
 
 
 @pytest.mark.parametrize("with_joints", [False, True])

@@ -7,7 +7,6 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import (
     BOUND_NAMES,
-    DISTANCE,
     ISOTROPIC,
     JOINT,
     REACH,
@@ -57,13 +56,8 @@ def test_a_skip_leaves_out_all_that_is_below():
 
 
 def test_every_bound_has_its_name():
-    assert [BOUND_NAMES[bound] for bound in (UNKNOWN, REACH, ISOTROPIC, JOINT, DISTANCE)] == [
-        "unknown",
-        "reach",
-        "isotropic",
-        "joint",
-        "distance",
-    ]
+    names = [BOUND_NAMES[bound] for bound in (UNKNOWN, REACH, ISOTROPIC, JOINT)]
+    assert names == ["unknown", "reach", "isotropic", "joint"]
 
 
 @pytest.mark.parametrize("with_joints", [False, True])
@@ -72,7 +66,7 @@ def test_the_arm_is_prepared_as_its_models_say(with_joints, age):
     rng, robot = np.random.default_rng(0), panda()
     v = rng.uniform(-0.5, 0.5, 7) * robot.velocity_limit
     motion = ArmMotion(robot, 0.02, with_joints=with_joints)
-    state = TickState(KINEMATICS, motion, Obstacles(), margin=0.0, by_distance=False)
+    state = TickState(KINEMATICS, motion, Obstacles(), margin=0.0)
     for name in TABLE:
         getattr(motion.table, name)[...] = 7.0
     state.begin(0.0, age, 0.0)
