@@ -77,8 +77,10 @@ from armguard.scheduling.certificates import (
     UNSAFE,
     UNSEEN,
     Certificates,
+    agrees,
     first_link,
     invalidate,
+    keep_known_state,
     stop_place,
 )
 from armguard.scheduling.timing_wheel import (
@@ -613,33 +615,20 @@ def _is_proved(
         return False
     if scene.marks.refused[row]:
         return False
-    if proofs.revision[place] == scene.marks.revision[row]:
+    revision = scene.marks.revision[row]
+    if proofs.known.revision[place] == revision:
         return True
-    if not _holds_for_newer(scene, certificates, row, place):
-        proofs.until[place] = -np.inf
-        return False
-    proofs.revision[place] = scene.marks.revision[row]
-    return True
-
-
-@separate_kernel
-def _holds_for_newer(scene: Scene, certificates: Certificates, row: int, place: int) -> bool:
-    """Whether what was proved of a row's state holds for its next one, as certificates do.
-
-    It is about all that can become of the older state, and what has become of it is among that if
-    the newer one agrees; with the reference state as well, by which some links were not asked. Each
-    sample is compared: after two of them nothing holds.
-    """
-    marks, proofs = scene.marks, certificates.proofs
-    if marks.static[row] or not marks.has_state[row]:
-        return False
-    if marks.revision[row] != proofs.revision[place] + 1:
-        return False
-    allowed, grown = allows_reference_state(scene.bodies, proofs.states, row, place)
-    if grown or not allowed:
-        return False
-    allowed, grown = allows_reference_state(scene.bodies, proofs.reference_states, row, place)
-    return bool(allowed and not grown)
+    # Each sample is compared: after two of them nothing holds. It must agree with the reference
+    # state as well, by which some links were not asked.
+    if (
+        proofs.known.revision[place] + 1 == revision
+        and agrees(scene.bodies, scene.marks, proofs.known.states, row, place)
+        and agrees(scene.bodies, scene.marks, proofs.reference_states, row, place)
+    ):
+        proofs.known.revision[place] = revision
+        return True
+    proofs.until[place] = -np.inf
+    return False
 
 
 @kernel
@@ -777,8 +766,7 @@ def find_unsafe(
             early = 0.125 * (lasting - until) * batch
             proofs.until[place] = expire(time, lasting - early)
             proofs.made_at[place] = time
-            proofs.revision[place] = scene.marks.revision[row]
-            copy_state(scene.bodies, row, proofs.states, place)
+            keep_known_state(scene.bodies, scene.marks, proofs.known, row, place)
             copy_state(certificates.reference_states, row, proofs.reference_states, place)
     return first_row, first_link_of_row, evaluations, 0
 

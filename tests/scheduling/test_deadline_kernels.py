@@ -342,10 +342,12 @@ def test_a_proof_outlasts_a_state_that_agrees_with_all_that_it_rests_on(pace):
     since = None if pace is None else 0.0
     _, recall, _ = prove_rest(pace)
     assert recall(1, since) == PROVED
-    for states in ("states", "reference_states"):
+    for is_reference in (False, True):
         scheduler, recall, _ = prove_rest(pace)
+        proofs = scheduler.certificates.proofs
         # As if that had been another state, with which the next one does not agree.
-        getattr(scheduler.certificates.proofs, states).points[:, :, 0] += 1.0
+        states = proofs.reference_states if is_reference else proofs.known.states
+        states.points[:, :, 0] += 1.0
         assert recall(1, since) != PROVED
 
 
