@@ -86,7 +86,7 @@ class PairScheduler(Scheduler):
         flagged = np.unique(np.asarray(schedule.flagged(), dtype=np.int64) // links)
         due = np.array(schedule.due(), dtype=np.int64)
         expiry = entries_of(certificates.expiry_tree)[flagged]
-        latest = max(tick.time + tick.stop_time, expiry.min(initial=-np.inf))
+        latest = max(tick.time + tick.stop_time, expiry.min(initial=np.inf))
         _make_rows_due(self._handle, np.union1d(due // links, flagged[~(expiry > latest)]))
         result = super().evaluate_due(tick)
         times = certificates.pair_expiry.reshape(-1)[due] - tick.time
