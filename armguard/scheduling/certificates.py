@@ -27,7 +27,7 @@ UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
 ACTIVE, MOVED, PREPARED, STALE, EVALUATED_ROWS = range(5)
-SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING, READ_AHEAD = range(5, 11)
+SPENT, BROKEN, UNSAFE, READ_AHEAD = range(5, 9)
 """Places in `Certificates.numbers`."""
 
 
@@ -121,9 +121,8 @@ class Certificates(NamedTuple):
     """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
     bounds prepared; how many rows were evaluated later than they were due, and of late,
     evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
-    which the stop decision found a pair unsafe; the last one in which it proved something that
-    lasts, with the evaluations spent on that; and what reading ahead came to, which is of no use.
-    Shape (11,)."""
+    which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
+    Shape (9,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -138,7 +137,7 @@ def make_certificates(links: int) -> Certificates:
         **_make_rows(0, links),
         proofs=_make_proofs(0, 1),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
+        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, 0]),
     )
 
 
