@@ -12,7 +12,7 @@ from armguard.bounds import IsotropicMotion
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState, evaluate
-from armguard.pairs.scene import ISOTROPIC, REACH, UNKNOWN
+from armguard.pairs.scene import ISOTROPIC, REACH
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
 
@@ -261,38 +261,6 @@ def test_opening_later_never_lowers_a_time(seed, refinement_threshold):
     assert few <= some <= many
     # What was not opened wide was answered well beyond what matters.
     assert ((ajar == wide) | (ajar >= refinement_threshold)).all()
-
-
-def test_unknown_whereabouts_are_contact_now():
-    obstacles = Obstacles()
-    obstacles.update(["lost"], 0.0, [[math.nan, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["known"], 0.0, [[3.0, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["known"], 0.1, [[3.0, math.inf, 0.0]], radius=0.1)
-    state = make_state(free_motion(np.random.default_rng(0)), obstacles)
-    times, _, bounds, _ = look(state, [obstacles.row("lost"), obstacles.row("known")], 0.1)
-    assert (times == 0.0).all()
-    assert (bounds == UNKNOWN).all()
-
-
-def test_a_refused_sample_counts_beside_the_accepted_one():
-    """Both are possible: the sooner contact stands, at half as much again as was measured."""
-    random_pose(np.random.default_rng(4))
-    motion = free_motion(np.random.default_rng(3))
-    apart, close = [4.0, 0.0, 0.5], [1.5, 0.0, 0.5]
-    fast = [-30.0, 0.0, 0.0]
-    obstacles = Obstacles(accel=10.0, speed=2.0)
-    obstacles.update(["ball"], 0.0, [apart], [[0.0, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["ball"], 0.01, [close], [fast], radius=0.1)
-    alone = Obstacles(accel=10.0, speed=2.0)
-    alone.update(["ball"], 0.0, [apart], [[0.0, 0.0, 0.0]], radius=0.1)
-    racing = Obstacles(accel=10.0, speed=45.0)
-    racing.update(["ball"], 0.01, [close], [fast], radius=0.1)
-    both, of_alone, of_racing = (
-        look(make_state(motion, table), [table.row("ball")], 0.02)[0]
-        for table in (obstacles, alone, racing)
-    )
-    assert both == pytest.approx(np.minimum(of_alone, of_racing), rel=1e-9)
-    assert (of_racing < of_alone).any()
 
 
 def test_extreme_values_end_in_contact_times():

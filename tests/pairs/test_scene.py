@@ -6,11 +6,6 @@ from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import (
-    BOUND_NAMES,
-    ISOTROPIC,
-    JOINT,
-    REACH,
-    UNKNOWN,
     thread_tree,
 )
 from armguard.robot import Kinematics
@@ -53,11 +48,6 @@ def test_a_skip_leaves_out_all_that_is_below():
         for place, node in enumerate(order):
             after = [other for other in order[place:] if other not in below(node)]
             assert list(walk(tree.skip[node])) == after
-
-
-def test_every_bound_has_its_name():
-    names = [BOUND_NAMES[bound] for bound in (UNKNOWN, REACH, ISOTROPIC, JOINT)]
-    assert names == ["unknown", "reach", "isotropic", "joint"]
 
 
 @pytest.mark.parametrize("with_joints", [False, True])

@@ -117,21 +117,6 @@ def test_certificates_wait_until_they_are_doubted_or_restarted(schedule):
     assert schedule != "deadline" or idle.evaluated < first.evaluated
 
 
-def test_what_touches_before_the_arm_rests_is_found(world):
-    """Among pairs that are near enough to matter; by joint bounds, which distances do not use."""
-    world.see([FAR], ["far"])
-    world.evaluate_due()
-    motion = world.scheduler.arm.motion
-    motion.braking.tabulate(HOME, STILL, 0.0, 0.003)
-    stop_time = float(motion.braking_table.time[-1])
-    assert world.scheduler.find_unsafe(world.tick, stop_time)[0] == NOBODY
-    inside = world.scheduler.arm.kinematics.centers[-1]
-    world.see([inside], ["inside"])
-    world.evaluate_due()
-    pair = world.scheduler.find_unsafe(world.tick, stop_time).pair
-    assert world.obstacles.ids[pair // LINKS] == "inside"
-
-
 def test_news_that_break_a_bound_are_told_once(schedule):
     world = World(schedule)
     world.see([FAR], ["ball"], position_error=0.05)
