@@ -114,17 +114,6 @@ def test_fresh_states_of_those_named_first_gain_what_is_promised(seed):
         before = after
 
 
-def test_nobody_else_gains_anything():
-    obstacles, monitor, verdict, balls = approach(0)
-    first = monitor.attention(1)[0]
-    assert first.gain > 0.0
-    for name, (place, pace) in balls.items():
-        if name != first.obstacle:
-            see(obstacles, verdict.stamp, place + verdict.stamp * pace, [name], velocity=[pace])
-    after = monitor.step(verdict.stamp, HOME, STILL)
-    assert (after.obstacle, after.contact_time) == (first.obstacle, verdict.contact_time)
-
-
 def test_there_are_as_many_as_asked_for_and_no_more_than_there_are():
     _, monitor, _, balls = approach(1)
     everyone = monitor.attention(99)
