@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit
 
 from armguard.contact import earliest_contact
-from armguard.contact.advancement import pair_distance_time, row_contact_time
-from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.contact.advancement import row_contact_time
+from armguard.contact.bodies import Ball, Bounds
 from scene.contact_batch import batch_contact_times, finish_contact_times
 
 ARM_ACCEL, ARM_SPEED = 120.0, 8.0  # the isotropic bounds of a quick arm's hand
@@ -52,21 +52,6 @@ def _rung(points, velocities, centers, motions, count, distance, out, advances, 
                 sphere, points, velocities, first, count,
                 Bounds(PERSON_ACCEL, PERSON_SPEED * speeds, 0.0, age), distance[i], advances,
             )  # fmt: skip
-
-
-@njit(error_model="numpy")
-def _distance_rung(points, velocities, centers, motions, count, distance, out, age):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
-    for first in range(0, out.size, SPHERES):
-        corners = points[first]
-        rates = velocities[first]
-        for i in range(first, min(first + SPHERES, out.size)):
-            sphere = Ball(
-                centers[i, 0], centers[i, 1], centers[i, 2],
-                motions[i, 0], motions[i, 1], motions[i, 2],
-                Bounds(ARM_ACCEL, ARM_SPEED, 0.0, age),
-            )  # fmt: skip
-            hull = Hull(corners, rates, count, Bounds(PERSON_ACCEL, PERSON_SPEED, 0.0, age))
-            out[i] = pair_distance_time(sphere, hull, distance[i])
 
 
 def _numpy_roots(position, velocity, distance, accel):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
@@ -149,9 +134,6 @@ def main() -> None:
         converged = out.copy()
         if count == 1 and age == 0.0 and speeds == 1.0:
             _line("plain distance loop", _time(lambda a=arrays: _distances(*a), n, repetitions))
-        if speeds == 1.0:
-            spent = _time(lambda a=arrays, s=age: _distance_rung(*a, s), n, repetitions)
-            _line("distance over speed bounds", spent, out, converged)
         for advances in (1, 2, 3, 4, 8, 60):
             spent = _time(
                 lambda a=arrays, k=advances, s=age, v=speeds: _rung(*a, k, s, v), n, repetitions

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.contact import earliest_contact
 from armguard.exceptions import ArmguardError
-from armguard.scheduling import DaaSchedule, DistanceSchedule, FullSchedule, Schedule
+from armguard.scheduling import DaaSchedule, FullSchedule, Schedule
 
 PERIOD = 0.05  # [s]
 ITERATIONS = 20
@@ -122,7 +122,7 @@ def compute_agreement(seeds: int) -> dict[tuple[str, str], NDArray[np.int64]]:
     named = {
         "DAA": [name_most_imminent(DaaSchedule(PERIOD), times) for times in contact_time],
         "full-DAA": [name_most_imminent(FullSchedule(), times) for times in contact_time],
-        "full-DF": [name_most_imminent(DistanceSchedule(), lengths) for lengths in distance],
+        "full-DF": [name_most_imminent(FullSchedule(), lengths) for lengths in distance],
     }
     return {
         (one, other): (np.array(named[one]) == np.array(named[other])).sum(axis=1)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 from armguard.contact.advancement import (
     ball_contact_time,
     pair_contact_time,
-    pair_distance_time,
     row_contact_time,
     trace_contact_time,
 )
@@ -55,7 +54,6 @@ __all__ = [
     "earliest_contact_hull",
     "earliest_contact_pair",
     "pair_contact_time",
-    "pair_distance_time",
     "row_contact_time",
 ]
 

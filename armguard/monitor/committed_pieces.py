@@ -42,14 +42,12 @@ from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import append_stop
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import BoolArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
-from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
-from armguard.obstacles.table import States, make_states
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
+from armguard.scheduling.certificates import agrees, keep_known_state, make_known_states
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.settings.settings import Settings
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
@@ -59,21 +57,9 @@ MOST_PIECES = 64
 MANY_PIECES = 16
 """From so many on two of them are kept as one, where that is safe."""
 USUAL_PIECES = 16
-"""Pieces for which room is made at a time, at first from the start: to move what is kept of all of
-them to a larger one would make a commit late."""
+"""Pieces for which room is made from the start, so that few commits have to make some."""
 MOST_TRIED = 3
 """Pairs of pieces for which that is tried in a commit."""
-
-
-class Known(NamedTuple):
-    """What was known of obstacles when pieces were proved safe, for compiled code."""
-
-    reference: States
-    """Accepted states, by piece × rows + row. Shape (pieces × rows,)."""
-    known: BoolArray
-    """Which rows had one. Shape (pieces, rows)."""
-    revision: IntArray
-    """Of the last state of each row that agreed with that. Shape (pieces, rows)."""
 
 
 class KnownObstacles:
@@ -89,7 +75,8 @@ class KnownObstacles:
         self._scheduler = scheduler
         self._kinds: tuple[Any, Any] | None = None
         self._forget()
-        self._make_room()
+        for _ in range(USUAL_PIECES):
+            self._make_room()
 
     def keep(self, place: int) -> None:
         """Keep what is known now for a piece, in place of what was kept before."""
@@ -97,11 +84,10 @@ class KnownObstacles:
         if self._find_shape() != self._shape:
             # What was kept of obstacles in other rows is not known any more.
             self._forget()
-        room, within = divmod(place, USUAL_PIECES)
-        while room >= len(self._rooms):
+        while place >= len(self._rooms):
             self._make_room()
         self._changes[place] = arm.obstacles.table.changes
-        self._keep_all(arm.state.handle, self._rooms[room], within)
+        self._keep_all(arm.state.handle, self._rooms[place])
 
     def has_changed(self, place: int) -> bool:
         """Whether an obstacle is new, or does what was known of it does not allow for."""
@@ -109,8 +95,7 @@ class KnownObstacles:
         kept = self._changes.get(place)
         if kept != arm.obstacles.table.changes or self._find_shape() != self._shape:
             return True
-        room, within = divmod(place, USUAL_PIECES)
-        changed: bool = self._find_change(arm.state.handle, self._rooms[room], within)
+        changed: bool = self._find_change(arm.state.handle, self._rooms[place])
         return changed
 
     def _find_shape(self) -> tuple[Any, int, int]:
@@ -126,22 +111,16 @@ class KnownObstacles:
         self._rooms: list[Any] = []
 
     def _make_room(self) -> None:
-        """Make room for more pieces, and for as many obstacles as there are in the table."""
+        """Make room for one more piece, and for as many obstacles as there are in the table."""
         _, rows, width = self._shape
-        room = pack(
-            Known(
-                make_states(USUAL_PIECES * rows, width),
-                np.zeros((USUAL_PIECES, rows), dtype=np.bool_),
-                np.zeros((USUAL_PIECES, rows), dtype=np.int64),
-            )
-        )
+        room = pack(make_known_states(rows, width))
         self._rooms.append(room)
         handles = self._scheduler.arm.state.handle, room
         kinds = handles[0].kind, handles[1].kind
         if kinds != self._kinds:
             self._kinds = kinds
-            self._keep_all = machine_code(_keep_all, *handles, 0)
-            self._find_change = machine_code(_find_change, *handles, 0)
+            self._keep_all = machine_code(_keep_all, *handles)
+            self._find_change = machine_code(_find_change, *handles)
 
 
 class Piece(NamedTuple):
@@ -475,34 +454,24 @@ def _is_at_rest(course: PlannedCourse, now: float) -> bool:
 
 
 @kernel
-def _keep_all(handle: Any, kept: Any, place: int) -> None:
-    """Keep the accepted state of every row for a piece, and which rows have one."""
-    bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known[place], memory.revision[place]
-    rows = marks.alive.shape[0]
-    for row in range(rows):
-        keep_reference_state(bodies, memory.reference, marks, row, place * rows + row)
-        known[row] = marks.has_state[row]
-        revision[row] = marks.revision[row]
+def _keep_all(handle: Any, kept: Any) -> None:
+    """Keep what is known of every row for a piece."""
+    for row in range(handle.content.marks.alive.shape[0]):
+        keep_known_state(handle.content.bodies, handle.content.marks, kept.content, row, row)
 
 
 @kernel
-def _find_change(handle: Any, kept: Any, place: int) -> bool:
+def _find_change(handle: Any, kept: Any) -> bool:
     """Whether a state is refused, was lost, or is not what the one kept for a piece allows."""
-    bodies, marks, memory = handle.content.bodies, handle.content.marks, kept.content
-    known, revision = memory.known[place], memory.revision[place]
-    rows = marks.alive.shape[0]
-    for row in range(rows):
+    bodies, marks, known = handle.content.bodies, handle.content.marks, kept.content
+    for row in range(marks.alive.shape[0]):
         if not marks.alive[row]:
             continue
-        if marks.refused[row] or marks.has_state[row] != known[row]:
+        if marks.refused[row] or marks.has_state[row] != (known.states.point_count[row] > 0):
             return True
-        if marks.revision[row] == revision[row]:
+        if marks.revision[row] == known.revision[row]:
             continue
-        if not known[row] or marks.static[row]:
+        if not agrees(bodies, marks, known.states, row, row):
             return True
-        allowed, grown = allows_reference_state(bodies, memory.reference, row, place * rows + row)
-        if grown or not allowed:
-            return True
-        revision[row] = marks.revision[row]
+        known.revision[row] = marks.revision[row]
     return False

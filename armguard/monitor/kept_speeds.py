@@ -3,6 +3,9 @@
 A speed is measured at its stamp, within an error, and changes by no more than the acceleration
 limit, before the stamp and after. So it is known for how long either way it was surely below a
 bound; where these times of successive states meet, it was so all along.
+
+Without it a speed scale below 1 is proved anew in every tick: beside a person at 1.1 m in
+`bench_near` a tick takes 76 evaluations instead of 18, and its median rises by a third.
 """
 
 from __future__ import annotations

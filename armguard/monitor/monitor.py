@@ -143,7 +143,6 @@ class Monitor:
             in_force,
         )
         self._exemptions = Exemptions(obstacles, self._ignored)
-        self._exempt_reasons: tuple[object, list[Reason]] = (), []
         self._scheduler = make_scheduler(
             robot,
             obstacles,
@@ -167,7 +166,6 @@ class Monitor:
         self._unplaced = self._no_sources = self._reloaded = False
         self._reasons: list[Reason] = []
         self._stopped_by_braking = False
-        self._unmatched: tuple[object, list[Reason]] = None, []
         self._sequence = 0
         self._disbelieved = 0
         self._faults_before = obstacles.fault_count
@@ -735,31 +733,18 @@ class Monitor:
         if self.journal is not None:
             for line in change.lines:
                 self.journal.note(line)
-        states = exemptions.states
-        if self._exempt_reasons[0] is not states:
-            self._exempt_reasons = (
-                states,
-                [
-                    Reason(
-                        ReasonKind.PAIR_IGNORED if one.left_out else ReasonKind.PAIR_WATCHED,
-                        str(one.exemption),
-                        one.detail,
-                    )
-                    for one in states
-                ],
-            )
-        ended = [Reason(ReasonKind.PAIR_WATCHED, str(one), "it has ended") for one in change.ended]
-        return ended + self._exempt_reasons[1]
+        watched = ReasonKind.PAIR_WATCHED
+        told = [Reason(watched, str(one), "it has ended") for one in change.ended]
+        for one in exemptions.states:
+            kind = ReasonKind.PAIR_IGNORED if one.left_out else watched
+            told.append(Reason(kind, str(one.exemption), one.detail))
+        return told
 
     def _tell_unmatched(self) -> list[Reason]:
-        """Reasons about patterns to ignore that have fitted no obstacle; only news change them."""
+        """Reasons about patterns to ignore that have fitted no obstacle."""
+        detail = self._ignored.describe_unmatched(self.obstacles.ids)
         unmatched = [*self._ignored.unmatched, *self._exemptions.unmatched]
-        news = self.obstacles.table.changes, unmatched
-        if self._unmatched[0] != news:
-            detail = self._ignored.describe_unmatched(self.obstacles.ids)
-            kind = ReasonKind.IGNORE_UNMATCHED
-            self._unmatched = news, [Reason(kind, repr(ids), detail) for ids in unmatched]
-        return self._unmatched[1]
+        return [Reason(ReasonKind.IGNORE_UNMATCHED, repr(ids), detail) for ids in unmatched]
 
     def _read_obstacles(self, now: float) -> list[Reason]:
         """What is wrong with the obstacle table, and until when silence is no reason."""

@@ -33,7 +33,7 @@ class PairReport(NamedTuple):
     age: float
     """Since the pair was last evaluated, in [s]; inf before the first time."""
     bound: str
-    """What decided: "reach", "isotropic", "joint" or "distance"; "unknown": nothing could."""
+    """What decided: "reach", "isotropic" or "joint"; "unknown": nothing could."""
     point_on_link: NDArray[np.float64]
     """Closest point of the link, [m], world; NaN where the obstacle is nowhere. Shape (3,)."""
     point_on_obstacle: NDArray[np.float64]

@@ -17,7 +17,6 @@ from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce, read_operating
 from armguard.robot.robot import Robot
-from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.schedule import make_schedule
 from armguard.scheduling.scheduler import Scheduler
 from armguard.settings.settings import REMOVED, Settings
@@ -107,9 +106,9 @@ def make_scheduler(
         return WatchedArm(laid_out, obstacles, ignored, settings, in_force, exemptions)
 
     if settings.by_deadline:
-        return DeadlineScheduler(robot, obstacles, make_arm, states, settings, operating)
-    # Only schedules of pairs need it, and what it checks exactly.
+        return Scheduler(robot, obstacles, make_arm, states, settings, operating)
+    # Only schedules of pairs need it.
     from armguard.scheduling.pair_scheduler import PairScheduler
 
     schedule = make_schedule(settings.schedule, settings.period)
-    return PairScheduler(robot, obstacles, schedule, make_arm, states, operating)
+    return PairScheduler(schedule, robot, obstacles, make_arm, states, settings, operating)

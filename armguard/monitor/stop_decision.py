@@ -50,7 +50,8 @@ high as can be, so that for some obstacle there is hardly any time to spare."""
 
 SOON = 2.5e-3
 """How long before its end a proof is renewed by a tick that has had nothing else to do, in [s]:
-else renewals of both kinds, and evaluations, would now and then all fall to one tick."""
+else renewals of both kinds, and evaluations, would now and then all fall to one tick. Beside a
+person at 1.1 m in `bench_near`, 1 % of ticks would take more than 96 evaluations instead of 70."""
 
 
 class StopDecision:

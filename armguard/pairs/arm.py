@@ -66,13 +66,7 @@ class WatchedArm:
             with_plans=settings.with_plans,
             in_force=in_force,
         )
-        self.state = TickState(
-            self.kinematics,
-            self.motion,
-            obstacles,
-            margin=settings.margin,
-            by_distance=settings.by_distance,
-        )
+        self.state = TickState(self.kinematics, self.motion, obstacles, margin=settings.margin)
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
 

@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.bounds.table_time import ArmSphere, is_free_to_end, table_contact_time
-from armguard.contact.advancement import pair_distance_time, row_contact_time
+from armguard.contact.advancement import row_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import States
-from armguard.pairs.scene import ADVANCES, DISTANCE, ISOTROPIC, JOINT, REACH, Scene
+from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene
 
 REACH_ADVANCES = 2
 """Steps of conservative advancement against what stands still: the second is nearly always last."""
@@ -80,20 +80,17 @@ def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float
 def _free_time(
     scene: Scene, node: int, bodies: States, row: int, arm_age: float, age: float, distance: float
 ) -> float:
-    """Contact time of a sphere as a free body, or by distance alone."""
+    """Contact time of a sphere as a free body."""
     arm = scene.arm
     sphere = Ball(
         arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
         arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
         Bounds(arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age),
     )  # fmt: skip
-    if scene.settings.by_distance:
-        time = pair_distance_time(sphere, hull_of(bodies, row, age), distance)
-    else:
-        time = row_contact_time(
-            sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-            bounds_of(bodies, row, age), distance, ADVANCES,
-        )  # fmt: skip
+    time: float = row_contact_time(
+        sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
+        bounds_of(bodies, row, age), distance, ADVANCES,
+    )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
 
@@ -157,7 +154,7 @@ def link_time(
             free = _free_time(scene, node, bodies, row, arm_age, age, distance)
             evaluations += 1
             if not time >= free:
-                time, bound = free, DISTANCE if settings.by_distance else ISOTROPIC
+                time, bound = free, ISOTROPIC
         # Joints within their limits: dearer, and only where the time could still decide.
         if settings.with_joints and time < limit:
             hull = hull_of(bodies, row, age)
@@ -185,7 +182,7 @@ def link_reach_time(scene: Scene, link: int, state: StatePlace, lower_bound: flo
     """Time before which a body cannot be where a link can be, in [s].
 
     Args:
-        scene: The tick, whose settings have reach.
+        scene: The tick.
         link: Of the arm.
         state: Of the body.
         lower_bound: What the arm's reach says of all links, in [s].
@@ -221,7 +218,7 @@ def root_time(
     free = _free_time(scene, node, bodies, place, arm_age, age, distance)
     time, bound = lower_bound, REACH
     if not time >= free:
-        time, bound = free, DISTANCE if scene.settings.by_distance else ISOTROPIC
+        time, bound = free, ISOTROPIC
     return time, bound
 
 
@@ -252,17 +249,16 @@ def pair_time(
         As `link_time`.
     """
     scene = handle.content
-    marks, settings = scene.marks, scene.settings
+    marks = scene.marks
     best = np.inf
     best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
     # Invariant: by the states so far, there is no contact before `best`.
     for number in possible_states(marks, row):
         _, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
         state = StatePlace(place, number > 0, age)
-        time, node = lower_bound, scene.tree.root[link]
-        if settings.with_reach:
-            time = link_reach_time(scene, link, state, lower_bound)
-            evaluations += 1
+        node = scene.tree.root[link]
+        time = link_reach_time(scene, link, state, lower_bound)
+        evaluations += 1
         # Of one type wherever it comes from: each other one would be compiled for.
         bound: Any = np.int64(REACH)
         if time < refinement_threshold and time < cut_off:
@@ -282,7 +278,7 @@ def pair_time(
 def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
     marks, settings = scene.marks, scene.settings
-    if not settings.with_reach or not is_known(marks, row):
+    if not is_known(marks, row):
         return 0.0, 0
     ball = scene.arm.arm_ball
     soonest = np.inf

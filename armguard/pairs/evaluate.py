@@ -35,7 +35,6 @@ class TickState:
         motion: Whose bounds are read.
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
-        by_distance: Evaluate distance over closing-speed bound instead of contact time.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -55,7 +54,6 @@ class TickState:
         obstacles: Obstacles,
         *,
         margin: float,
-        by_distance: bool,
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
@@ -76,12 +74,7 @@ class TickState:
             motion.reach.link_balls,
             motion.reach.arm_ball,
         )
-        self._settings = Settings(
-            float(margin),
-            by_distance,
-            with_reach=not by_distance,
-            with_joints=motion.with_joints and not by_distance,
-        )
+        self._settings = Settings(float(margin), motion.with_joints)
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)

@@ -136,7 +136,7 @@ class Exemptions:
         self.count = 0
         """How many there were so far."""
         self.states: tuple[State, ...] = ()
-        """What each does, as of the last tick; another tuple wherever that is news."""
+        """What each does, as of the last tick."""
         # Compiled here, on nothing.
         find_staying(
             obstacles.table.handle,

@@ -1,11 +1,10 @@
 """How far a link truly is from an obstacle: Coal on convex hulls, its answer proved.
 
-Sphere covers stick out of a link, which costs flagged pairs their patience; here the geometry
-itself is measured. A link is the convex hull of its vertices (as loaded, meshes are hollow
-surfaces: a ball in the middle of one would be "46 mm away"). Coal finds the pair of closest
-points to within a tolerance, on either side of the truth. So only the direction between them is
-believed: along any unit vector, the gap between the two bodies is at most their distance, and
-that gap is computed from all vertices.
+It shows closest points to observers, and is what tests compare sphere covers with. A link is the
+convex hull of its vertices (as loaded, meshes are hollow surfaces: a ball in the middle of one
+would be "46 mm away"). Coal finds the pair of closest points to within a tolerance, on either side
+of the truth. So only the direction between them is believed: along any unit vector, the gap between
+the two bodies is at most their distance, and that gap is computed from all vertices.
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
-from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.table import States
@@ -49,11 +48,19 @@ def _prove_state(
     proofs = []
     decider = sphere
     while sphere >= 0:
-        inputs = _describe(state, sphere, bodies, place, float(age))
+        arm = state.arm
+        own = (*arm.centers[sphere], state.tree.radius[sphere] + arm.position_error[sphere])
+        inputs = _describe(state, own, bodies, place, float(age)) | {
+            "v1": np.array(arm.velocities[sphere]),
+            "a1": float(arm.accel[sphere]),
+            "s1": float(arm.speed[sphere]),
+            "age1": state.arm_age,
+            "velocity_error1": float(arm.velocity_error[sphere]),
+        }
         proofs.append((certify(**inputs, advances=ADVANCES), inputs))
         sphere = int(state.tree.parent[sphere])
     for ball in (state.arm.link_balls[state.link_of[decider]], state.arm.arm_ball):
-        inputs = _describe_ball(state, ball, bodies, place, float(age))
+        inputs = _describe(state, tuple(ball), bodies, place, float(age))
         proofs.append((certify(**inputs, advances=ADVANCES), inputs))
     return max(proofs, key=lambda proof: proof[0].contact_time)
 
@@ -65,33 +72,19 @@ def compile_proof() -> None:
 
 
 def _describe(
-    state: TickState, sphere: int, bodies: States, row: int, age: float
+    state: TickState, ball: tuple[float, ...], bodies: States, row: int, age: float
 ) -> dict[str, Any]:
-    """Arguments of `certify` for one sphere and one obstacle, the observer's own to keep."""
-    arm, count = state.arm, int(bodies.point_count[row])
-    reach = state.tree.radius[sphere] + bodies.radius[row] + state.scene.settings.margin
-    reach += arm.position_error[sphere] + bodies.position_error[row]
-    return {
-        "p1": np.array(arm.centers[sphere]),
-        "v1": np.array(arm.velocities[sphere]),
-        "a1": float(arm.accel[sphere]),
-        "s1": float(arm.speed[sphere]),
-        "p2": np.array(bodies.points[row, :count]),
-        "v2": np.array(bodies.velocities[row, :count]),
-        "a2": float(bodies.accel[row]),
-        "s2": float(bodies.speed[row]),
-        "contact_distance": float(reach) * (1.0 + TERM_ROUNDING),
-        "age1": state.arm_age,
-        "age2": age,
-        "velocity_error1": float(arm.velocity_error[sphere]),
-        "velocity_error2": float(bodies.velocity_error[row]),
-    }
+    """Arguments of `certify` for one obstacle and a ball that stands still for ever.
 
+    They are the observer's own to keep.
 
-def _describe_ball(
-    state: TickState, ball: FloatArray, bodies: States, row: int, age: float
-) -> dict[str, Any]:
-    """The same for a ball that the arm or a link cannot leave: it stands still for ever."""
+    Args:
+        state: The tick's numbers.
+        ball: Centre and radius, with what its place may be off by, in [m].
+        bodies: States of obstacles.
+        row: Of the obstacle's among them.
+        age: Of that state, in [s].
+    """
     count = int(bodies.point_count[row])
     reach = ball[3] + bodies.radius[row] + state.scene.settings.margin + bodies.position_error[row]
     return {

@@ -19,11 +19,11 @@ from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.table import Marks, States
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
-UNKNOWN, REACH, ISOTROPIC, JOINT, DISTANCE = range(5)
+UNKNOWN, REACH, ISOTROPIC, JOINT = range(4)
 """What a contact time rests on: nothing (the obstacle's whereabouts are unknown), or a bound on the
-arm's motion; `DISTANCE` is distance over closing speed."""
+arm's motion."""
 
-BOUND_NAMES = ("unknown", "reach", "isotropic", "joint", "distance")
+BOUND_NAMES = ("unknown", "reach", "isotropic", "joint")
 """How these are called where users see them."""
 
 ADVANCES = 8
@@ -61,10 +61,6 @@ class Settings(NamedTuple):
 
     margin: float
     """Distance that counts as contact already, [m]."""
-    by_distance: bool
-    """Evaluate distance over closing speed instead of contact time."""
-    with_reach: bool
-    """Whether what the arm cannot leave is used."""
     with_joints: bool
     """Whether joint bounds are used."""
 

@@ -19,7 +19,7 @@ from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.robot.robot import Robot
 from armguard.scheduling.paper.daa import DaaSchedule
-from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+from armguard.scheduling.paper.full import FullSchedule
 from armguard.settings.declarations import Declaration, read_declarations
 from armguard.settings.schedule import Schedule
 from armguard.settings.separation_rule import SeparationRule
@@ -161,8 +161,8 @@ def _write(value: Any) -> Any:
     """A value of a setting as plain data."""
     if type(value) in FORMS:
         return {name: _write(getattr(value, name)) for name in FORMS[type(value)]}
-    if type(value) in (FullSchedule, DistanceSchedule):
-        return "full" if type(value) is FullSchedule else "distance"
+    if type(value) is FullSchedule:
+        return "full"
     match value:
         case None | bool() | int() | str():
             return value

@@ -12,13 +12,12 @@ from armguard.settings.schedule import DEADLINE, Schedule
 
 if TYPE_CHECKING:
     from armguard.scheduling.paper.daa import DaaSchedule
-    from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+    from armguard.scheduling.paper.full import FullSchedule
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
             "DaaSchedule": "armguard.scheduling.paper.daa",
-            "DistanceSchedule": "armguard.scheduling.paper.full",
             "FullSchedule": "armguard.scheduling.paper.full",
         },
     )
@@ -27,7 +26,6 @@ __all__ = [
     "DEADLINE",
     "SCHEDULES",
     "DaaSchedule",
-    "DistanceSchedule",
     "FullSchedule",
     "Schedule",
     "make_schedule",

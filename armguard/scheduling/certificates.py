@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.layout import make_records
-from armguard.obstacles.table import ChangedRows, States, extend_rows, make_states
+from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
+from armguard.obstacles.table import ChangedRows, Marks, States, extend_rows, make_states
 from armguard.pairs.scene import UNKNOWN
 from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.scheduling.tournament import (
@@ -26,7 +27,7 @@ UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
 ACTIVE, MOVED, PREPARED, STALE, EVALUATED_ROWS = range(5)
-SPENT, BROKEN, UNSAFE, PROVING_IN, PROVING, READ_AHEAD = range(5, 11)
+SPENT, BROKEN, UNSAFE, READ_AHEAD = range(5, 9)
 """Places in `Certificates.numbers`."""
 
 
@@ -34,6 +35,42 @@ PROVED, ENDING, ASKABLE, IN_VAIN = range(4)
 """What is known of stops from earlier ticks: all are in time; so they are, but not all for long,
 and the tick has done little so far; some are to be asked about; or all of those that are not proved
 were asked about a moment ago, and might not be in time."""
+
+
+class KnownStates(NamedTuple):
+    """What was known of obstacles when something was proved of them, by place."""
+
+    states: States
+    """Their accepted states; no points where there was none."""
+    revision: IntArray
+    """Of the last state of each that agreed with that. Shape (places,)."""
+
+
+def make_known_states(places: int, width: int) -> KnownStates:
+    """Room for states that have at most `width` points."""
+    return KnownStates(make_states(places, width), np.zeros(places, dtype=np.int64))
+
+
+@kernel
+def keep_known_state(
+    bodies: States, marks: Marks, known: KnownStates, row: int, place: int
+) -> None:
+    """Keep what is known of a row now, for a proof that is made of it now."""
+    keep_reference_state(bodies, known.states, marks, row, place)
+    known.revision[place] = marks.revision[row]
+
+
+@separate_kernel
+def agrees(bodies: States, marks: Marks, states: States, row: int, place: int) -> bool:
+    """Whether what is known of a row now is among what a proof of a kept state allows for.
+
+    A proof is about all that can become of that state. A newer one is among that if it agrees, and
+    if no bound has grown.
+    """
+    if marks.static[row] or not marks.has_state[row]:
+        return False
+    allowed, grown = allows_reference_state(bodies, states, row, place)
+    return bool(allowed and not grown)
 
 
 class StopProofs(NamedTuple):
@@ -52,10 +89,8 @@ class StopProofs(NamedTuple):
     row before. Shape (places,)."""
     retry_revision: IntArray
     """The row's revision that it was asked with. Shape (places,)."""
-    revision: IntArray
-    """The row's last revision that it is known to hold for. Shape (places,)."""
-    states: States
-    """The accepted states that it was proved of."""
+    known: KnownStates
+    """What it was proved of."""
     reference_states: States
     """What certificates rested on then: it is by these that some links were not asked."""
 
@@ -86,9 +121,8 @@ class Certificates(NamedTuple):
     """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
     bounds prepared; how many rows were evaluated later than they were due, and of late,
     evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
-    which the stop decision found a pair unsafe; the last one in which it proved something that
-    lasts, with the evaluations spent on that; and what reading ahead came to, which is of no use.
-    Shape (11,)."""
+    which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
+    Shape (9,)."""
 
 
 def make_certificates(links: int) -> Certificates:
@@ -103,7 +137,7 @@ def make_certificates(links: int) -> Certificates:
         **_make_rows(0, links),
         proofs=_make_proofs(0, 1),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, -9, 0, 0]),
+        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, 0]),
     )
 
 
@@ -124,11 +158,11 @@ def _make_proofs(rows: int, width: int) -> StopProofs:
     places = 2 * rows
     fields: dict[str, tuple[type, tuple[int, ...]]]
     fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ()))
-    fields |= dict.fromkeys(("retry_revision", "revision"), (int, ()))
-    until, made_at, retry_at, retry_revision, revision = make_records(places, **fields)
+    fields["retry_revision"] = (int, ())
+    until, made_at, retry_at, retry_revision = make_records(places, **fields)
     until[:] = -np.inf
-    states, reference_states = make_states(places, width), make_states(places, width)
-    return StopProofs(until, made_at, retry_at, retry_revision, revision, states, reference_states)
+    known, reference_states = make_known_states(places, width), make_states(places, width)
+    return StopProofs(until, made_at, retry_at, retry_revision, known, reference_states)
 
 
 @kernel

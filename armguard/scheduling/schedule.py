@@ -24,8 +24,6 @@ def make_schedule(name: str | Schedule, period: float) -> Schedule:
         raise ArmguardError("schedule", f"is {name!r}", expected=", ".join((DEADLINE, *SCHEDULES)))
     # The monitor's own schedule needs none of them.
     from armguard.scheduling.paper.daa import DaaSchedule
-    from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+    from armguard.scheduling.paper.full import FullSchedule
 
-    if name == "daa":
-        return DaaSchedule(period)
-    return FullSchedule() if name == "full" else DistanceSchedule()
+    return DaaSchedule(period) if name == "daa" else FullSchedule()

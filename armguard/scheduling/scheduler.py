@@ -1,21 +1,63 @@
-"""What the monitor asks of a scheduler over pairs of link and obstacle.
+"""The scheduler: what is known of each obstacle, and what is evaluated in a tick.
 
-Two schedulers keep this promise: one evaluates obstacles by their deadlines in one compiled call,
-and one that lets any schedule of pair numbers decide.
+Each obstacle is due when the answer about it would look stale, or where no stop decision is made,
+when it could matter to a stop. What is known is in `certificates`, and a tick is one compiled call;
+here arrays are made, grown and handed over. A schedule of pairs makes more of them due, see
+`pair_scheduler`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.bounds.operating_history import OperatingHistory, make_empty_record
+from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.handle import machine_code, pack
+from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
+from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
-from armguard.scheduling.timing_wheel import NOBODY
+from armguard.scheduling.certificates import (
+    ACTIVE,
+    BROKEN,
+    EVALUATED_ROWS,
+    MOVED,
+    PREPARED,
+    SPENT,
+    STALE,
+    UNPLACED,
+    UNSEEN,
+    Certificates,
+    find_most_imminent,
+    grow_certificates,
+    insert,
+    invalidate_all,
+    make_certificates,
+    remove,
+)
+from armguard.scheduling.deadline_kernels import (
+    CROWD,
+    Moment,
+    StopQuestion,
+    TickData,
+    advance,
+    evaluate_due,
+    find_unsafe,
+    recall_stops,
+)
+from armguard.scheduling.layouts import Layouts
+from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
+from armguard.scheduling.tournament import entries_of
+from armguard.settings.settings import MOST_EVALUATIONS, Settings
 
 
 class Tick(NamedTuple):
@@ -116,15 +158,81 @@ class PairResult(NamedTuple):
     """What the certificate rests on, an index of `BOUND_NAMES`."""
 
 
-class Scheduler(Protocol):
-    """Evaluates pairs, and knows for each until when it is safe."""
+class _Desk(NamedTuple):
+    """What ticks work on and run for one arm; to make it takes a millisecond."""
 
-    arm: WatchedArm
+    bodies: States
+    """The accepted states of the obstacle table that it was made for."""
+    certificates: Certificates
+    fresh: list[NDArray[Any]]
+    """What was in the certificates' arrays at first; empty where that is not known any more."""
+    candidates: IntArray
+    handle: Any
+    """On the certificates."""
+    tick_data: Any
+    codes: tuple[Any, Any, Any, Any]
+    """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
+
+
+def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
+    """The arrays of certificates that are not the obstacle table's."""
+    own = certificates._asdict()
+    del own["reference_states"], own["news"]
+    *proofs, _, _ = own.pop("proofs")  # without these no state that they rest on is read
+    return [*own.pop("wheel"), *proofs, *own.values()]
+
+
+class Scheduler:
+    """Evaluates obstacles by their deadlines, and knows for each pair until when it is safe.
+
+    Args:
+        robot: The arm.
+        obstacles: The table; this scheduler is the one that follows its rows from now on.
+        make_arm: Lays out an arm as it is.
+        states: Where joint positions and velocities of each tick stand.
+        settings: How stale answers may look, what is refined, and the budget.
+        operating: What tests joint states against operating limits; None: there are none.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        obstacles: Obstacles,
+        make_arm: Callable[[Robot], WatchedArm],
+        states: JointStates,
+        settings: Settings,
+        operating: OperatingHistory | None = None,
+    ) -> None:
+        self._robot = robot
+        self._obstacles = obstacles
+        self._layouts = Layouts(make_arm)
+        self._desks: weakref.WeakKeyDictionary[WatchedArm, _Desk] = weakref.WeakKeyDictionary()
+        """Of arms that are laid out ahead."""
+        self._states = states
+        self._record = make_empty_record() if operating is None else operating.record
+        self._settings = settings
+        self._budget = MOST_EVALUATIONS if settings.budget is None else settings.budget
+        self._max_staleness, self._crowd = self._find_limits(settings)
+        self._candidates = np.zeros(0, dtype=np.int64)
+        self._placed = -2
+        self._changes = -1
+        self._all_invalid = False
+        self._last_offender = NOBODY
+        self._prepare()
+
+    def _find_limits(self, settings: Settings) -> tuple[float, int]:
+        """How stale answers may look, and evaluations beyond which a tick of a STOP ends."""
+        return settings.max_staleness, CROWD
+
+    @property
+    def stale_evaluations(self) -> int:
+        """How many evaluations so far came later than they were due."""
+        return int(self.certificates.numbers[STALE])
 
     @property
     def waiting(self) -> int:
-        """How many obstacles were due in the last tick and still wait, as a STOP was certain."""
-        ...
+        """Obstacles that were due in the last tick and still wait."""
+        return int(self.certificates.wheel.numbers[WAITING])
 
     def follow(self) -> None:
         """Take in what was attached to the robot, and obstacles that came or went.
@@ -132,7 +240,29 @@ class Scheduler(Protocol):
         Raises:
             ArmguardError: Another scheduler follows the table, so that news of it is lost.
         """
-        ...
+        changes, revision = self._obstacles.table.changes, self._robot.revision
+        if changes == self._changes and revision == self.arm.revision:
+            return
+        if self._obstacles.watcher != self._watcher:
+            raise ArmguardError(
+                "obstacles",
+                "are watched by another monitor, which came later",
+                remedy="give each monitor obstacles of its own",
+            )
+        if self._robot.revision != self.arm.revision:
+            self._layouts.keep(self.arm)
+            if self._desk.fresh:
+                self._desks[self.arm] = self._desk
+            self._prepare()
+            self._all_invalid = True
+        if self.arm.state.view_table():
+            self._fit()
+        added, removed = self._obstacles.drain_membership()
+        if len(removed):
+            self._remove(removed)
+        if len(added):
+            self._insert(added)
+        self._changes = changes
 
     def prepare_arm(self, robot: Robot) -> None:
         """Lay out an arm ahead, for a later tick in which the robot has become like this one.
@@ -140,7 +270,12 @@ class Scheduler(Protocol):
         Args:
             robot: The arm with other bodies attached.
         """
-        ...
+        arm = self._layouts.prepare(robot)
+        arm.state.view_table()
+        desk = self._desks.get(arm)
+        if desk is None or desk.bodies is not self._obstacles.table.accepted:
+            certificates = make_certificates(len(arm.links))
+            self._desks[arm] = self._lay_desk(arm, certificates, is_fresh=True)
 
     def watch_anew(self, rows: IntArray) -> None:
         """Take in which links are watched against some obstacles now, after `follow`.
@@ -150,15 +285,24 @@ class Scheduler(Protocol):
         Args:
             rows: Of obstacles that are there. Shape (r,).
         """
-        ...
+        self._remove(rows)
+        self._insert(rows)
+
+    def _remove(self, rows: IntArray) -> None:
+        remove(self._handle, rows)
+
+    def _insert(self, rows: IntArray) -> None:
+        masks = np.array([self.arm.watched_links(int(row)) for row in rows])
+        insert(self._handle, rows, masks)
 
     def restart(self) -> None:
         """Start again with all obstacles that are there, whatever happened before."""
-        ...
+        self._watcher = self._obstacles.start_watching()
+        self._make_certificates()
 
     def invalidate_all(self) -> None:
-        """Invalidate all certificates: the arm's bounds or state have changed."""
-        ...
+        """Invalidate all certificates when the next tick evaluates."""
+        self._all_invalid = True
 
     def advance(
         self,
@@ -181,23 +325,96 @@ class Scheduler(Protocol):
             number: Of the tick.
             may_evaluate: Whether nothing needs to be done between state and evaluations.
         """
-        ...
+        may_evaluate = may_evaluate and not (self._all_invalid or self._isotropic.is_widened)
+        (
+            found, joint, stop_time, late_stop_time, threshold,
+            row, link, expiry, overdue, evaluated, disturbed, ended,
+        ) = seen = self._advance(
+            self._tick_data, stamp, q, v, now, epoch, number, may_evaluate
+        )  # fmt: skip
+        if row >= 0 and not disturbed:
+            # The usual tick is over already; a named tuple's own constructor takes twice as long.
+            result = tuple.__new__(
+                TickResult, (row * self._links + link, expiry, overdue, evaluated, (), False, ended)
+            )
+        elif row == UNSEEN:
+            result = None
+        else:
+            moment = Moment(now, now - epoch, number, now - stamp, threshold)
+            result = self._finish(seen[5:], moment, self._states.q, all_invalid=False)
+        return found, joint, stop_time, late_stop_time, result
 
     def evaluate_due(self, tick: Tick) -> TickResult:
-        """Evaluate the pairs that are due, in a tick whose advance did not."""
-        ...
+        """Evaluate the obstacles that are due; the arm is placed only if one of them needs it."""
+        all_invalid, self._all_invalid = self._all_invalid, False
+        if all_invalid:
+            invalidate_all(self._handle)
+        moment = _moment_of(tick)
+        seen = self._evaluate_due(self._tick_data, self._placed == tick.number, 0, moment)
+        return self._finish(seen, moment, tick.q, all_invalid=all_invalid)
+
+    def _finish(
+        self, seen: Sequence[Any], moment: Moment, q: FloatArray, *, all_invalid: bool
+    ) -> TickResult:
+        """What a tick's evaluations found, and the rest of them where the arm has to be placed.
+
+        Args:
+            seen: What compiled code returned, see `deadline_kernels.evaluate_due`.
+            moment: The tick.
+            q: Joint positions, [rad] or [m]. Shape (nv,).
+            all_invalid: Whether all certificates were invalidated in this tick.
+        """
+        row, link, expiry, overdue, evaluated, disturbed, ended = seen
+        broken: tuple[int, ...] = ()
+        if disturbed:
+            # Read before the evaluations go on: by then no change is marked any more.
+            broken = tuple(self.certificates.broken[: self.certificates.numbers[BROKEN]].tolist())
+        if row == UNPLACED:
+            self._place(moment.number, q)
+            row, link, expiry, overdue, evaluated, _, ended = self._evaluate_due(
+                self._tick_data, True, evaluated, moment
+            )
+        pair = NOBODY if row == NOBODY else row * self._links + link
+        disturbs = all_invalid or disturbed > 0
+        return TickResult(pair, expiry, overdue, evaluated, broken, disturbs, ended)
+
+    def _place(self, number: int, q: FloatArray) -> None:
+        """Place the arm in the tick of this number, unless that was done."""
+        if self._placed != number:
+            self.arm.kinematics.place(q)
+            self._placed = number
 
     def prepare(self, tick: Tick) -> None:
         """Place the arm and fill its bounds for a tick, needed by its evaluations or not."""
-        ...
+        state, numbers = self.arm.state, self.certificates.numbers
+        state.now, state.arm_age = tick.now, tick.arm_age
+        self._place(tick.number, tick.q)
+        if numbers[PREPARED] != tick.number:
+            state.prepare_arm(tick.q, tick.v)
+            numbers[MOVED] = numbers[PREPARED] = tick.number
 
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link; none beyond its end. Shape (n,)."""
-        ...
+        return self.certificates.watched.reshape(-1)
 
     def expect_evaluations(self) -> float:
-        """How many evaluations a tick costs as imminent as all pairs are now."""
-        ...
+        """How many evaluations a tick costs as imminent as all obstacles are now."""
+        certificates, settings = self.certificates, self._settings
+        max_staleness, period = self._max_staleness, settings.period
+        rows = np.flatnonzero(certificates.watched.any(axis=1))
+        evaluated_at = certificates.evaluated_at[rows]
+        known = np.isfinite(evaluated_at)
+        rows, evaluated_at = rows[known], evaluated_at[known]
+        contact_time = entries_of(certificates.expiry_tree)[rows] - evaluated_at
+        spare = certificates.wheel.deadline[rows] - evaluated_at
+        if max_staleness > 0.0:
+            spare = np.minimum(spare, max_staleness * contact_time)
+        else:
+            spare = np.zeros_like(spare)
+        wait = np.maximum(spare, period)
+        rows_per_tick = float(np.sum(period / np.minimum(wait, SLOTS * period)))
+        price = certificates.numbers[SPENT] / max(certificates.numbers[EVALUATED_ROWS], 1)
+        return rows_per_tick * float(price)
 
     def recall_stops(
         self,
@@ -225,7 +442,19 @@ class Scheduler(Protocol):
             that it may well be renewed; IN_VAIN where all that is not proved was asked a moment ago
             already; or ASKABLE, which says nothing.
         """
-        ...
+        is_paced, since = _read_kept(kept_since)
+        answer: int = self._recall_stops(
+            self._tick_data,
+            tick.number,
+            tick.time,
+            tick.time + later,
+            tick.time + stop_time,
+            soon,
+            is_paced,
+            since,
+            self._candidates,
+        )
+        return answer
 
     def find_unsafe(
         self,
@@ -257,12 +486,188 @@ class Scheduler(Protocol):
         as they surely have since then, in [s] since the epoch. Proofs of such tables stand by
         themselves; older ones count for nothing, and the others are of the same speeds or higher.
         """
-        ...
-
-    def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
-        """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
-        ...
+        self._place(tick.number, tick.q)
+        is_paced, since = _read_kept(kept_since)
+        question = StopQuestion(
+            stop_time,
+            stop_time if within is None else min(within, stop_time),
+            lasting,
+            until,
+            pause,
+            is_paced,
+            since,
+            self._last_offender,
+            self._budget,
+        )
+        row, link, spent, left = self._find_unsafe(
+            self._tick_data, _moment_of(tick), question, self._candidates
+        )
+        if row == NOBODY:
+            return Unsafe(NOBODY, spent, 0)
+        pair = row * self._links + link
+        if remembers:
+            self._last_offender = pair
+        return Unsafe(pair, spent, left)
 
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
-        ...
+        certificates, place = self.certificates, divmod(pair, self._links)
+        return PairResult(
+            certificates.pair_expiry.item(place),
+            certificates.evaluated_at.item(place[0]),
+            certificates.pair_sphere.item(place),
+            certificates.pair_bound.item(place),
+        )
+
+    def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
+        """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
+        certificates, links = self.certificates, len(self.arm.links)
+        wanted = min(max(row_limit, pair_limit), int(certificates.numbers[ACTIVE]))
+        rows = np.zeros(wanted, dtype=np.int64)
+        rows = rows[: find_most_imminent(self._handle, rows)]
+        # Obstacles may have been removed since, and others taken their rows.
+        rows = rows[~np.isin(rows, self._obstacles.membership_changes())]
+        row_expiry = entries_of(certificates.expiry_tree)[rows]
+        pairs = self._pairs_of(rows)
+        expiry = certificates.pair_expiry[pairs // links, pairs % links]
+        order = _find_first(expiry, pair_limit)
+        pairs = pairs[order]
+        places = pairs // links, pairs % links
+        return Listing(
+            rows=rows[:row_limit],
+            row_expiry=row_expiry[:row_limit],
+            pairs=pairs,
+            expiry=expiry[order],
+            evaluated_at=certificates.evaluated_at[places[0]],
+            sphere=certificates.pair_sphere[places].astype(np.int64),
+            bound=certificates.pair_bound[places].astype(np.int64),
+            sphere_expiry=self._sphere_expiry(time, rows),
+            all_expiry=expiry,
+        )
+
+    def _sphere_expiry(self, time: float, rows: IntArray) -> FloatArray:
+        """Soonest contact of each finest sphere; what was not evaluated has its link's time."""
+        state, certificates = self.arm.state, self.certificates
+        tree = state.tree
+        seen = np.isfinite(state.sphere_time)
+        self._seen_expiry[seen] = time + state.sphere_time[seen]
+        state.sphere_time.fill(np.inf)
+        expiry = np.where(certificates.watched[rows], certificates.pair_expiry[rows], np.inf)
+        # Obstacles that are not listed are later than the last one that is.
+        beyond = expiry.min(axis=1)[-1] if len(rows) else np.inf
+        of_link = np.minimum(expiry.min(axis=0, initial=np.inf), beyond)[state.link_of]
+        # A sphere that was seen lately is known better than its link, until that has come true.
+        known = np.where(self._seen_expiry > time, self._seen_expiry, of_link)
+        return np.maximum(known, of_link)[tree.first_child < 0]
+
+    def _pairs_of(self, rows: IntArray) -> IntArray:
+        """The pairs that are watched of some rows, row by row. Shape (m,)."""
+        pairs = rows[:, None] * self._links + np.arange(self._links)
+        return pairs[self.certificates.watched[rows]]
+
+    def _prepare(self) -> None:
+        """Lay out everything for the links that the robot has now."""
+        self.arm, is_prepared = self._layouts.find(self._robot)
+        self._isotropic = self.arm.motion.isotropic
+        self._links = len(self.arm.links)
+        self._placed = -2
+        self._watcher = self._obstacles.start_watching()
+        self._seen_expiry = np.full(len(self.arm.state.tree.radius), -np.inf)
+        desk = self._desks.pop(self.arm, None)
+        table = self._obstacles.table
+        if desk is not None and desk.bodies is table.accepted:
+            for array, fresh in zip(_list_own(desk.certificates), desk.fresh, strict=True):
+                array[...] = fresh
+            table.reference_states.point_count.fill(0)
+            self._use(desk)
+        else:
+            self._make_certificates()
+        if not is_prepared:
+            self._compile()
+
+    def _make_certificates(self) -> None:
+        # What the certificates of another scheduler rested on is of no use here.
+        self._obstacles.table.reference_states.point_count.fill(0)
+        self._use(self._lay_desk(self.arm, make_certificates(len(self.arm.links)), is_fresh=True))
+
+    def _fit(self) -> None:
+        """Follow the obstacle table's size."""
+        self._use(self._lay_desk(self.arm, self.certificates, is_fresh=False))
+
+    def _use(self, desk: _Desk) -> None:
+        self._desk = desk
+        self.certificates, self._candidates = desk.certificates, desk.candidates
+        self._handle, self._tick_data = desk.handle, desk.tick_data
+        self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
+
+    def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
+        """Certificates that have the obstacle table's size, and what ticks run on them."""
+        table = self._obstacles.table
+        certificates = grow_certificates(certificates, table.changed_rows, table.reference_states)
+        candidates = np.zeros(len(certificates.watched), dtype=np.int64)
+        scene = arm.state.scene
+        settings = self._settings
+        tick_data = pack(
+            TickData(
+                scene, certificates, self._states.guard, self._record,
+                settings.braking_delay, self._max_staleness, settings.aware_margin,
+                settings.period, self._budget, self._crowd, scene.settings.with_joints,
+            )
+        )  # fmt: skip
+        return _Desk(
+            table.accepted,
+            certificates,
+            [array.copy() for array in _list_own(certificates)] if is_fresh else [],
+            candidates,
+            pack(certificates),
+            tick_data,
+            self._bind(tick_data, candidates),
+        )
+
+    def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:
+        """Have compiled what a tick runs, for the arrays that there are now."""
+        moment, question = (
+            Moment(0.0, 0.0, 0, 0.0, 0.0),
+            StopQuestion(0.0, 0.0, 0.0, 0.0, 0.0, True, 0.0, 0, 0),
+        )
+        some = np.zeros((2, 2))[:, 0]  # a single joint's would be of another type
+        return (
+            machine_code(advance, handle, 0.0, some, some, 0.0, 0.0, 0, True),
+            machine_code(evaluate_due, handle, True, 0, moment),
+            machine_code(find_unsafe, handle, moment, question, candidates),
+            machine_code(recall_stops, handle, 0, 0.0, 0.0, 0.0, 0.0, True, 0.0, candidates),
+        )
+
+    def _compile(self) -> None:
+        """Run every kernel once on nothing, so that none is compiled in a tick."""
+        zeros, none = np.zeros(len(self._robot.joints)), np.zeros(0, dtype=np.int64)
+        insert(self._handle, none, np.zeros((0, len(self.arm.links)), dtype=np.bool_))
+        remove(self._handle, none)
+        invalidate_all(self._handle)
+        # Numbers of ticks begin at 1.
+        tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)
+        Scheduler.evaluate_due(self, tick)
+        self.find_unsafe(tick, 0.0)
+        evaluate(self.arm.state, none, np.zeros(0), none, np.zeros(0, dtype=np.int8))
+        self.arm.state.prepare_arm(zeros, zeros)
+        find_most_imminent(self._handle, none)
+
+
+def _read_kept(kept_since: float | None) -> tuple[bool, float]:
+    """Whether an arm is meant that keeps to a speed scale, and since when proofs of it count."""
+    return kept_since is not None, -np.inf if kept_since is None else kept_since
+
+
+def _moment_of(tick: Tick) -> Moment:
+    """A tick, as compiled code is told of it."""
+    return Moment(tick.now, tick.time, tick.number, tick.arm_age, tick.refinement_threshold)
+
+
+def _find_first(values: FloatArray, count: int) -> IntArray:
+    """Indices of the `count` least values, the least first, equal ones in their order."""
+    if len(values) > 4 * count > 0:
+        # Among so many, only those that can be among the first are put in order.
+        last = np.partition(values, count - 1)[count - 1]
+        few = np.flatnonzero(values <= last)
+        return few[np.argsort(values[few], kind="stable")][:count]
+    return np.argsort(values, kind="stable")[:count]

@@ -195,18 +195,6 @@ def put_off(wheel: Wheel, entry: int, tick: int, deadline: float) -> None:
 
 
 @kernel
-def is_idle(wheel: Wheel, tick: int) -> bool:
-    """Whether nothing is due, nor will be when the wheel is turned to `tick`."""
-    last = wheel.numbers[TICK]
-    if wheel.numbers[WAITING] > 0 or tick - last > EARLY:
-        return False
-    empty = True
-    for step in range(last + 1, tick + 1):
-        empty = empty and wheel.first[step % SLOTS] == NOBODY
-    return empty
-
-
-@kernel
 def turn(wheel: Wheel, tick: int) -> None:
     """Let all entries up to and including `tick` wait in the heap; an earlier tick does nothing."""
     last = wheel.numbers[TICK]

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike
 
 from armguard.jit.arrays import IntArray
 
-Measure: TypeAlias = Literal["contact_time", "distance"]
-
-ScheduleName: TypeAlias = Literal["deadline", "full", "distance", "daa"]
+ScheduleName: TypeAlias = Literal["deadline", "full", "daa"]
 
 DEADLINE = "deadline"
 """The monitor's own schedule: it sees obstacles rather than pairs, in one compiled call a tick."""
@@ -32,16 +30,6 @@ class Schedule(Protocol):
     change between `due` and `settle` gives the unsettled pairs back: the next `due` names them
     again.
     """
-
-    @property
-    def measure(self) -> Measure:
-        """What `settle` is to be given: times to contact, or times by distance alone."""
-        ...
-
-    @property
-    def every_tick(self) -> bool:
-        """Whether all pairs are due in every tick, so that no answer need outlive its tick."""
-        ...
 
     def insert(self, pairs: ArrayLike) -> None:
         """Take in new pairs; all are due at the next `due`. Shape (n,)."""

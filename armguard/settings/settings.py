@@ -43,8 +43,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rate: Annotated[Positive, Meta(examples=[100.0, 200.0, 500.0, 2000.0])] = 1000.0
     """Ticks a second, in [Hz]."""
     schedule: ScheduleName | Schedule = "deadline"
-    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything),
-    `"distance"` or `"daa"` (the paper's). In Python also a `Schedule` of your own."""
+    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything) or `"daa"`
+    (what the paper's schedule names as well). In Python also a `Schedule` of your own."""
     motion: Annotated[
         Literal["joint", "planned", "isotropic"], Meta(examples=["joint", "isotropic"])
     ] = "joint"
@@ -155,17 +155,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
         return isinstance(self.schedule, str) and self.schedule == DEADLINE
 
     @property
-    def by_distance(self) -> bool:
-        """Whether pairs are ranked by distance over closing speed."""
-        schedule = self.schedule
-        if isinstance(schedule, str):
-            return schedule == "distance"
-        return schedule.measure == "distance"
-
-    @property
     def with_joints(self) -> bool:
         """Whether joint and braking bounds are used."""
-        return self.motion != "isotropic" and not self.by_distance
+        return self.motion != "isotropic"
 
     @property
     def with_plans(self) -> bool:

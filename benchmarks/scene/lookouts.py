@@ -13,8 +13,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.robot import JointStates, Robot
-from armguard.scheduling.deadline import DeadlineScheduler
-from armguard.scheduling.scheduler import Tick
+from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.settings import Settings
 from scene.crowds import HEIGHT, LATENCY, OUTER, RATE, REACTION_TIME
 
@@ -129,7 +128,7 @@ class Deadline:
 
     def __init__(self, robot: Robot, obstacles: Obstacles, make_arm) -> None:
         self._states = JointStates(robot, JOINT_TIMEOUT)
-        self._scheduler = DeadlineScheduler(robot, obstacles, make_arm, self._states, SETTINGS)
+        self._scheduler = Scheduler(robot, obstacles, make_arm, self._states, SETTINGS)
 
     def step(self, tick: Tick) -> int:
         """Evaluate what is due; how many evaluations that took."""

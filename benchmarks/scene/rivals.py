@@ -119,7 +119,6 @@ CONTESTANTS = (
     ("daa, isotropic", "contact times", 10_000, Watch, ("daa", "isotropic")),
     ("full, joint", "contact times", 10_000, Watch, ("full", "joint")),
     ("full, isotropic", "contact times", math.inf, Watch, ("full", "isotropic")),
-    ("distance, isotropic", "distance over speed", math.inf, Watch, ("distance", "isotropic")),
     ("sweep, spheres", "contact times", math.inf, Sweep, ("spheres",)),
     ("sweep, bounds", "contact times", math.inf, Sweep, ("bounds",)),
     ("sweep, reach", "contact times", math.inf, Sweep, ("reach",)),

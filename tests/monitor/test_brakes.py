@@ -172,11 +172,6 @@ def test_by_free_bodies_the_scale_is_what_rests_in_time_by_the_table():
     assert found
 
 
-def test_a_table_up_to_full_speed_takes_nothing_off_the_scale():
-    _, monitor = make_ranged(operating=OperatingLimits(velocity=1.0))
-    assert steps(monitor, 0, 3)[-1].speed_scale == 1.0
-
-
 def margin_of(payload):
     """How near a ball may be for the arm to be allowed to go on."""
     for distance in np.arange(0.6, 3.0, 0.05):

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 
 from armguard.obstacles import Obstacles
@@ -160,18 +159,3 @@ def test_where_nothing_can_touch_no_distance_makes_a_difference():
     assert why.gains[COVER].seconds == 0.0
     assert all(math.isnan(gain.metres) for gain in why.gains)
     assert "inf" in str(why)
-
-
-def test_asking_is_free_of_consequences():
-    tables = [make_monitor() for _ in range(2)]
-    for tick in range(40):
-        found = []
-        for obstacles, _ in tables:
-            see(obstacles, tick * PERIOD, np.add(PLACE, [-0.002 * tick, 0.0, 0.0]))
-        for asks, (_, monitor) in enumerate(tables):
-            found.append(monitor.step(tick * PERIOD, HOME, STILL))
-            if asks:
-                monitor.explain()
-                monitor.attention()
-                monitor.headroom()
-        assert found[0] == found[1]

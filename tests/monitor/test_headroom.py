@@ -62,15 +62,6 @@ def test_without_a_budget_nothing_can_break():
     assert headroom.evaluations > 0.0
 
 
-def test_without_obstacles_there_is_room_without_end():
-    _, monitor = make_monitor(budget=BUDGET)
-    for _ in range(2):
-        headroom = monitor.headroom()
-        assert (headroom.obstacles, headroom.evaluations) == (0, 0.0)
-        assert (headroom.most_obstacles, headroom.slowest_rate) == (math.inf, 0.0)
-        monitor.step(0.0, HOME, STILL)
-
-
 def test_headroom_is_a_matter_of_proportion():
     once, twice = (predict_headroom(count, 0.1 * count, 1e-3, 50) for count in (100, 200))
     assert once.most_obstacles == pytest.approx(twice.most_obstacles) == 500.0
@@ -123,17 +114,6 @@ def test_fresh_states_of_those_named_first_gain_what_is_promised(seed):
         before = after
 
 
-def test_nobody_else_gains_anything():
-    obstacles, monitor, verdict, balls = approach(0)
-    first = monitor.attention(1)[0]
-    assert first.gain > 0.0
-    for name, (place, pace) in balls.items():
-        if name != first.obstacle:
-            see(obstacles, verdict.stamp, place + verdict.stamp * pace, [name], velocity=[pace])
-    after = monitor.step(verdict.stamp, HOME, STILL)
-    assert (after.obstacle, after.contact_time) == (first.obstacle, verdict.contact_time)
-
-
 def test_there_are_as_many_as_asked_for_and_no_more_than_there_are():
     _, monitor, _, balls = approach(1)
     everyone = monitor.attention(99)
@@ -173,13 +153,3 @@ def test_what_stands_for_ever_has_nothing_to_gain_from_a_look():
     assert (one.obstacle, one.age) == ("post", 0.0)
     # Only that the monitor itself has not looked again.
     assert one.gain <= verdict.stamp + 1e-12
-
-
-@pytest.mark.parametrize("schedule", ["full", "distance"])
-def test_other_schedules_answer_too(schedule):
-    obstacles, monitor = make_monitor(schedule)
-    see(obstacles, 0.0, [[1.0, 0.0, 0.5], [2.0, 0.0, 0.5]], ("near", "far"))
-    for tick in range(3):
-        monitor.step(tick * PERIOD, HOME, STILL)
-    assert monitor.headroom().evaluations == monitor._last[1].evaluated
-    assert [one.obstacle for one in monitor.attention()] == ["near", "far"]

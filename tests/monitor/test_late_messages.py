@@ -74,19 +74,6 @@ def test_jitter_stops_nobody(rate):
     assert (monitor.faults, obstacles.late_count > 100) == (0, True)
 
 
-def test_an_obstacle_told_again_after_its_removal_is_seen():
-    obstacles, monitor = make_monitor()
-    see(obstacles, 0.0, FAR, ids=["other"])
-    see(obstacles, 0.0, [0.9, 0.0, 0.6])
-    near = monitor.step(0.0, HOME, STILL)
-    obstacles.remove(["ball"])
-    see(obstacles, 0.0, [0.9, 0.0, 0.6])
-    again = monitor.step(0.001, HOME, STILL)
-    assert again.obstacle == "ball"
-    assert again.contact_time <= near.contact_time
-    assert again.level <= near.level
-
-
 def test_a_source_that_names_a_static_makes_a_body_of_its_own():
     obstacles, monitor = make_monitor()
     obstacles.add_static("table", [0.0, 0.0, -3.0], 0.1)

@@ -135,21 +135,6 @@ def test_levels_fall_as_a_ball_comes_and_rise_after_it_has_gone(schedule, motion
             assert verdict.level <= min(earned(one, rests=motion == "joint") for one in recent)
 
 
-@pytest.mark.parametrize("corners", [1, 2, 8])
-def test_hulls_are_seen_whole(corners):
-    """A long body is as near as its nearest end."""
-    points = np.array([[6.0, 0.0, 0.5], [1.3, 0.0, 0.5]] * 4)[:corners]
-    points[2:] += np.random.default_rng(0).uniform(0.0, 0.2, (max(corners - 2, 0), 3))
-    obstacles, monitor = make_monitor()
-    obstacles.update(["body"], 0.0, points[None], radius=0.1)
-    (verdict,) = steps(monitor, 0, 1)
-    single, other = make_monitor()
-    see(single, 0.0, points[min(corners, 2) - 1])
-    (alone,) = steps(other, 0, 1)
-    assert verdict.contact_time <= alone.contact_time + 1e-12
-    assert verdict.contact_time >= 0.9 * alone.contact_time
-
-
 def random_calls(seed, count=300):
     """What happens before each tick: reproducible, with refusals, removals, silence, a reset."""
     rng = np.random.default_rng(seed)

@@ -82,18 +82,6 @@ def test_a_quarter_of_the_limits_never_says_less_and_often_more():
     )
 
 
-def test_the_tick_that_finds_a_break_tells_how_long_the_hardware_takes_to_rest():
-    (_, monitor), (_, plain) = make_monitor(operating=QUARTER), make_monitor()
-    told = []
-    for now, v in ((0.0, STILL), (PERIOD, HARD * THIRD)):
-        verdict, reference = (one.step(now, HOME, v) for one in (monitor, plain))
-        told.append((verdict.stop_time, reference.stop_time))
-    assert subjects(verdict, ReasonKind.OPERATING_LIMITS_BROKEN) == {"panda_joint3"}
-    (before, most), (after, alike) = told
-    assert before < most
-    assert after == alike
-
-
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
 def test_a_break_is_a_stop_that_names_it_and_the_hardware_counts_until_it_is_long_over(schedule):
     operating = OperatingLimits.fraction(panda(), velocity=0.25, acceleration=0.25)

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from armguard.verdict import Level, ReasonKind
-from support.panda_monitor import PERIOD, keep, kinds, make_monitor, panda, see, steps
+from support.panda_monitor import PERIOD, kinds, make_monitor, see, steps
 
 
 class ForgetfulSchedule:
     """Never names the pairs that it was given."""
-
-    measure, every_tick = "contact_time", False
 
     def __init__(self):
         self.pairs = np.zeros(0, dtype=np.int64)
@@ -36,32 +34,21 @@ class ForgetfulSchedule:
         return self.pairs
 
 
-def test_pairs_without_a_look_are_overdue():
-    obstacles, monitor = make_monitor(ForgetfulSchedule())
-    for verdict in keep(obstacles, monitor, 0, 3):
-        assert (verdict.level, verdict.complete) == (Level.STOP, False)
-        assert verdict.contact_time == 0.0
-        assert ReasonKind.OVERDUE in kinds(verdict)
-
-
-def test_a_certificate_that_ran_out_is_overdue():
-    obstacles, monitor = make_monitor(ForgetfulSchedule())
-    evaluate_once = np.arange(len(panda().links))
-    monitor._scheduler.schedule.due = lambda: evaluate_once
-    see(obstacles, 0.0, [3.0, 0.0, 0.5])
-    (first,) = steps(monitor, 0, 1)
-    assert (first.level, first.complete) == (Level.CLEAR, True)
-    del monitor._scheduler.schedule.due
-    for i in range(1, 2000):
-        obstacles.update([], i * PERIOD)
-        (verdict,) = steps(monitor, i, 1)
-        left = first.contact_time - i * PERIOD
-        assert verdict.contact_time <= max(left, 0.0) + 1e-12
-        assert verdict.complete == (verdict.contact_time > 0.0)
-        if not verdict.complete:
-            break
-    assert ReasonKind.OVERDUE in kinds(verdict)
-    assert i * PERIOD == pytest.approx(first.contact_time, abs=2.0 * PERIOD)
+@pytest.mark.parametrize("motion", ["joint", "isotropic"])
+def test_a_schedule_that_names_no_pair_leaves_none_without_a_look(motion):
+    """What its certificates require is done, whatever a schedule says."""
+    obstacles, monitor = make_monitor(ForgetfulSchedule(), motion=motion)
+    by_all, reference = make_monitor("full", motion=motion)
+    evaluated = 0
+    for i in range(1500):
+        for table in (obstacles, by_all):
+            see(table, i * PERIOD, [3.0 - 1e-3 * i, 0.0, 0.5], velocity=[[-1.0, 0.0, 0.0]])
+        (verdict,), (fresh,) = steps(monitor, i, 1), steps(reference, i, 1)
+        assert verdict.complete
+        assert 0.0 < verdict.contact_time <= fresh.contact_time + 1e-9
+        evaluated += verdict.evaluated
+    assert verdict.level is not Level.CLEAR
+    assert evaluated > 0
 
 
 BUDGET = 100

@@ -1,10 +1,7 @@
-import math
-
 import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.monitor.queries import read_limit
 from support.panda_monitor import HOME, PERIOD, SCHEDULES, STILL, make_monitor, panda, see, steps
 
 NAMES = [f"ball {number}" for number in range(12)]
@@ -112,12 +109,3 @@ def test_observers_see_the_state_that_was_believed(schedule):
         for one, other in zip(before[0], after[0], strict=True):
             np.testing.assert_array_equal(one.point_on_link, other.point_on_link)
         assert (after[1].q == before[1].q).all()
-
-
-def test_a_limit_is_a_whole_number():
-    for given, meant in ((5, 5), (0, 0), (-3, 0), (np.int8(127), 127), (10**30, 10**30)):
-        assert read_limit("limit", given) == meant
-        assert type(read_limit("limit", given)) is int
-    for wrong in (None, "5", "x", 1.5, 2.0, math.inf, True, np.float64(3.0), [5]):
-        with pytest.raises(ArmguardError, match=r"limit: is .*expected a whole number"):
-            read_limit("limit", wrong)

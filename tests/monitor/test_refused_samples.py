@@ -13,7 +13,7 @@ from armguard.robot import Kinematics
 from armguard.verdict import Effect, Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, subjects
 
-SCHEDULES = ["deadline", "full", "distance", "daa"]
+SCHEDULES = ["deadline", "full", "daa"]
 REST = np.zeros((1, 3))
 LASTING = 0.3
 
@@ -38,14 +38,14 @@ def step(monitor, tick):
 def test_a_refused_sample_far_away_changes_neither_the_level_nor_any_stop(schedule):
     """Six metres off, then five; the verdict says so, and that is all."""
     # By distance over closing speed alone, five metres are not far.
-    away = 8.0 if schedule == "distance" else 5.0
+    away = 5.0
     obstacles, monitor = make_monitor(schedule, obstacles=Obstacles())
     for tick in range(400):
         place = [0.0, away, 0.5] if tick in (100, 103, 200) else [6.0, 0.0, 0.5]
         tell(obstacles, tick, {"ball": place, "other": [-6.0, 0.0, 0.5]})
         verdict = step(monitor, tick)
         assert (verdict.level, verdict.complete) == (Level.CLEAR, True)
-        assert verdict.speed_scale == 1.0 or schedule == "distance"
+        assert verdict.speed_scale == 1.0
         assert verdict.contact_time > 0.4
         said = {ReasonKind.OBSTACLE_REFUSED} if 100 <= tick <= 399 else set()
         assert kinds(verdict) == said

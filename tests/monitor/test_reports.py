@@ -46,7 +46,7 @@ def run_monitor(robot, count=12, ticks=1, **options):
     return monitor, verdict
 
 
-@pytest.mark.parametrize("schedule", ["deadline", "full", "distance", "daa"])
+@pytest.mark.parametrize("schedule", ["deadline", "full", "daa"])
 def test_the_soonest_of_everything_is_the_verdict(robot, schedule):
     monitor, verdict = run_monitor(robot, schedule=schedule, ticks=20)
     snapshot = monitor.snapshot(**EVERYTHING)

@@ -9,8 +9,8 @@ from armguard.pairs.ignored import IgnoredPairs
 from armguard.robot import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.scheduling import SCHEDULES, make_schedule
-from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.pair_scheduler import PairScheduler
+from armguard.scheduling.scheduler import Scheduler
 from armguard.settings import Settings
 from support.panda_monitor import panda
 
@@ -60,22 +60,21 @@ def make(**changes):
 
 
 def test_obstacles_by_their_deadlines_unless_a_schedule_of_pairs_is_asked_for():
-    assert isinstance(make(), DeadlineScheduler)
+    assert type(make()) is Scheduler
     for name in set(SCHEDULES) - {"deadline"}:
         assert isinstance(make(schedule=name), PairScheduler)
     own = make_schedule("daa", 0.001)
     assert make(schedule=own).schedule is own
 
 
-@pytest.mark.parametrize("schedule", ["deadline", "full", "distance"])
+@pytest.mark.parametrize("schedule", ["deadline", "full"])
 @pytest.mark.parametrize("motion", ["isotropic", "joint", "planned"])
 def test_the_arm_is_as_cautious_as_the_settings_say(schedule, motion):
     arm = make(schedule=schedule, motion=motion, margin=0.07, reaction_time=0.123).arm
     settings = arm.state.scene.settings
     assert settings.margin == 0.07
     assert arm.motion.braking.reaction_time == 0.123
-    assert settings.by_distance == (schedule == "distance")
-    assert settings.with_joints == (motion != "isotropic" and schedule != "distance")
+    assert settings.with_joints == (motion != "isotropic")
     assert (arm.motion.planned is None) == (motion != "planned")
     watched = arm.watched_links(arm.obstacles.row("post"))
     assert watched.sum() == len(arm.links) - 1

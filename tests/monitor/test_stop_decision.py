@@ -207,11 +207,6 @@ def watch_scale(position, velocity, q, v, ticks, *, speed=2.0, accel=10.0):
     return verdicts
 
 
-def test_an_arm_far_from_everything_may_go_at_full_speed():
-    *_, last = watch_scale([9.0, 0.0, 0.5], [0.0, 0.0, 0.0], lambda k: HOME, STILL, 20)
-    assert (last.level, last.speed_scale) == (Level.CLEAR, 1.0)
-
-
 def test_an_arm_that_moves_away_need_not_slow_down():
     """A wall behind the hand, which swings away from it; then the other way round."""
     # At this pose the hand is in front of the base, and joint 1 swings it sideways.

@@ -4,7 +4,7 @@ import pytest
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, Robot
+from armguard.robot import Robot
 from support.panda_monitor import HOME, STILL, make_monitor, panda, see, steps
 
 
@@ -19,31 +19,6 @@ def seen():
     see(obstacles, 0.0, [0.9, 0.0, 0.5])
     steps(monitor, 0, 1)
     return obstacles, monitor
-
-
-def test_pairs_have_the_names_of_their_link_and_obstacle(seen):
-    obstacles, monitor = seen
-    arm, row = arm_of(monitor), obstacles.row("ball")
-    assert arm.links == panda().links
-    for link, name in enumerate(panda().links):
-        assert arm.names(row * len(arm.links) + link) == (name, "ball")
-
-
-def test_ignored_pairs_are_not_watched(seen):
-    obstacles, monitor = seen
-    watched = arm_of(monitor).watched_links(obstacles.row("ball"))
-    assert [name for name, on in zip(panda().links, watched, strict=True) if not on] == [
-        "panda_hand"
-    ]
-
-
-def test_spheres_are_where_the_arm_is(seen):
-    _, monitor = seen
-    arm, alone = arm_of(monitor), Kinematics(panda())
-    alone.compute(HOME, STILL)
-    arm.kinematics.compute(HOME, STILL)
-    assert np.array_equal(arm.kinematics.centers, alone.centers)
-    assert arm.state.arm.centers is arm.kinematics.centers
 
 
 def test_bounds_widen_once_when_a_joint_is_faster_than_its_limit():

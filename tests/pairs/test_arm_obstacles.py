@@ -8,7 +8,7 @@ import pinocchio
 import pytest
 
 import armguard
-from armguard.exceptions import ArmguardError, ObstacleError, RobotError
+from armguard.exceptions import ArmguardError, ObstacleError
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, STILL, panda
 from support.row_law import Told, go_on
@@ -311,14 +311,6 @@ def test_a_break_is_a_stop_that_names_arm_and_joint_and_ends_by_itself():
     )
 
 
-def test_an_older_break_does_not_end_a_newer_one_s_time():
-    robot, told = panda(), Told()
-    other = armguard.ArmObstacles(robot, operating=limits_of(robot, 0.3))
-    for stamp, speed in ((10.0, 0.5), (7.9, 0.5), (10.5, 0.2)):
-        other.publish(told, stamp, HOME, speed * robot.velocity_limit)
-    assert told.fields[4].max() > 5.0, "in m/s: what the hardware can do"
-
-
 def test_a_state_that_comes_late_does_not_hide_a_break():
     """From an older state on a joint would have had time to become that fast."""
     robot, told = panda(), Told()
@@ -327,23 +319,6 @@ def test_a_state_that_comes_late_does_not_hide_a_break():
         other.publish(told, stamp, HOME, speed * np.eye(7)[0])
     (problem,) = told.problems
     assert "sooner than the operating acceleration" in problem
-
-
-def test_what_telling_a_state_takes_is_made_ready_and_leaves_nothing_behind(monkeypatch):
-    ready, update = [], armguard.Obstacles.update
-
-    def note(self, ids, stamp, *fields, **options):
-        ready.append(len(ids))
-        return update(self, ids, stamp, *fields, **options)
-
-    monkeypatch.setattr(armguard.Obstacles, "update", note)
-    robot = panda()
-    other = armguard.ArmObstacles(robot, "left", operating=limits_of(robot, 0.3))
-    assert ready == [len(other.ids)]
-    table = armguard.Obstacles(sources=["left"])
-    other.publish(table, -1e3, HOME, 0.2 * robot.velocity_limit)
-    assert table.fault_count == 0
-    assert table.table.speed[table.row(other.ids[-1])] < 5.0, "in m/s: operating limits count"
 
 
 def test_a_body_that_is_attached_becomes_an_obstacle_and_goes_with_it():
@@ -371,15 +346,3 @@ def test_a_body_that_is_attached_becomes_an_obstacle_and_goes_with_it():
 def test_arguments_that_cannot_be_are_refused_by_name(arguments, words):
     with pytest.raises(ArmguardError, match=words):
         armguard.ArmObstacles(panda(), **arguments)
-
-
-def test_one_arm_of_two_is_loaded_by_the_names_of_its_joints():
-    left, right = baxter_left(), armguard.Robot.load("baxter", joints=["right_*"])
-    assert len(left.joints) == len(right.joints) == 7
-    assert not set(left.links) & set(right.links)
-    both = armguard.Robot.load("baxter")
-    assert set(left.links) | set(right.links) == set(both.links)
-    assert "torso" in left.fixed_points()
-    assert not set(left.fixed_points()) & set(both.links), "the other arm is not fixed"
-    with pytest.raises(RobotError, match="joint 'middle_\\*': fits none"):
-        armguard.Robot.load("baxter", joints=["middle_*"])

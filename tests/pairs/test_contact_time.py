@@ -105,9 +105,7 @@ class World:
         )  # fmt: skip
         self.rows = [self.obstacles.row(name) for name in names]
         self.motion = ArmMotion(robot, 0.02)
-        self.state = TickState(
-            KINEMATICS, self.motion, self.obstacles, margin=MARGIN, by_distance=False
-        )
+        self.state = TickState(KINEMATICS, self.motion, self.obstacles, margin=MARGIN)
         self.state.begin(NOW, self.arm_age, math.inf)
         KINEMATICS.place(self.q)
         self.state.prepare_arm(self.q, self.v)

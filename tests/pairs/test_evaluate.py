@@ -12,7 +12,7 @@ from armguard.bounds import IsotropicMotion
 from armguard.bounds.arm import ArmMotion
 from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState, evaluate
-from armguard.pairs.scene import ISOTROPIC, REACH, UNKNOWN
+from armguard.pairs.scene import ISOTROPIC, REACH
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
 
@@ -52,8 +52,8 @@ def free_motion(rng):
     return free_bodies(SimpleNamespace(**bounds, velocity_errors=errors))
 
 
-def make_state(motion, obstacles, *, by_distance=False, margin=MARGIN):
-    return TickState(KINEMATICS, motion, obstacles, margin=margin, by_distance=by_distance)
+def make_state(motion, obstacles, *, margin=MARGIN):
+    return TickState(KINEMATICS, motion, obstacles, margin=margin)
 
 
 def look(state, rows, now, arm_age=0.0, refinement_threshold=math.inf):
@@ -188,14 +188,12 @@ def test_contact_times_are_those_of_brute_force(count, seed):
     # Nothing matters: what the arm cannot leave is all that is asked for, once and for each link.
     assert few == len(rows) * (1 + LINKS)
     assert (bounds == REACH).all()
-    by_distance, *_ = look(make_state(motion, obstacles, by_distance=True), rows, now, arm_age)
     for i, body in enumerate(bodies):
         expected = brute_force(motion, body, now, arm_age)
         known = np.isfinite(expected)
         assert (times[i][known] <= expected[known] + 1e-9).all()
         assert times[i][known] == pytest.approx(expected[known], rel=1e-6, abs=1e-9)
-        for loose in (closed[i], by_distance[i]):
-            assert (loose[known] <= expected[known] + 1e-9).all()
+        assert (closed[i][known] <= expected[known] + 1e-9).all()
         assert (SPHERES.link[nodes[i]] == np.arange(LINKS)).all()
 
 
@@ -265,38 +263,6 @@ def test_opening_later_never_lowers_a_time(seed, refinement_threshold):
     assert ((ajar == wide) | (ajar >= refinement_threshold)).all()
 
 
-def test_unknown_whereabouts_are_contact_now():
-    obstacles = Obstacles()
-    obstacles.update(["lost"], 0.0, [[math.nan, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["known"], 0.0, [[3.0, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["known"], 0.1, [[3.0, math.inf, 0.0]], radius=0.1)
-    state = make_state(free_motion(np.random.default_rng(0)), obstacles)
-    times, _, bounds, _ = look(state, [obstacles.row("lost"), obstacles.row("known")], 0.1)
-    assert (times == 0.0).all()
-    assert (bounds == UNKNOWN).all()
-
-
-def test_a_refused_sample_counts_beside_the_accepted_one():
-    """Both are possible: the sooner contact stands, at half as much again as was measured."""
-    random_pose(np.random.default_rng(4))
-    motion = free_motion(np.random.default_rng(3))
-    apart, close = [4.0, 0.0, 0.5], [1.5, 0.0, 0.5]
-    fast = [-30.0, 0.0, 0.0]
-    obstacles = Obstacles(accel=10.0, speed=2.0)
-    obstacles.update(["ball"], 0.0, [apart], [[0.0, 0.0, 0.0]], radius=0.1)
-    obstacles.update(["ball"], 0.01, [close], [fast], radius=0.1)
-    alone = Obstacles(accel=10.0, speed=2.0)
-    alone.update(["ball"], 0.0, [apart], [[0.0, 0.0, 0.0]], radius=0.1)
-    racing = Obstacles(accel=10.0, speed=45.0)
-    racing.update(["ball"], 0.01, [close], [fast], radius=0.1)
-    both, of_alone, of_racing = (
-        look(make_state(motion, table), [table.row("ball")], 0.02)[0]
-        for table in (obstacles, alone, racing)
-    )
-    assert both == pytest.approx(np.minimum(of_alone, of_racing), rel=1e-9)
-    assert (of_racing < of_alone).any()
-
-
 def test_extreme_values_end_in_contact_times():
     obstacles, tiny, huge = Obstacles(extent=math.inf), 5e-324, 1e300
     for i, (x, v, radius, accel, speed) in enumerate(
@@ -314,14 +280,11 @@ def test_extreme_values_end_in_contact_times():
             [str(i)], 0.0, [[x, 0.0, 0.0]], [[v, 0.0, 0.0]], radius=radius, accel=accel, speed=speed
         )
     rows = [obstacles.row(str(i)) for i in range(7)]
-    for by_distance in (False, True):
-        state = make_state(
-            free_motion(np.random.default_rng(0)), obstacles, by_distance=by_distance
-        )
-        times, *_ = look(state, rows, 0.0)
-        assert (times >= 0.0).all()
-        assert (times[4] == 0.0).all()
-        assert (times[5] < 1e-100).all()
+    state = make_state(free_motion(np.random.default_rng(0)), obstacles)
+    times, *_ = look(state, rows, 0.0)
+    assert (times >= 0.0).all()
+    assert (times[4] == 0.0).all()
+    assert (times[5] < 1e-100).all()
 
 
 @pytest.mark.parametrize("with_joints", [False, True])

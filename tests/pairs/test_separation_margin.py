@@ -235,7 +235,7 @@ def test_a_ticks_state_gives_the_same():
     obstacles.update(["more"], 0.0, [[0.8, 0.3, 0.6]], [[0.0, 0.0, 0.0]], 0.1)
     motion = ArmMotion(PANDA, 0.02)
     motion.isotropic.velocity_errors.error[:] = MOTION.velocity_error
-    state = TickState(KINEMATICS, motion, obstacles, margin=0.0, by_distance=False)
+    state = TickState(KINEMATICS, motion, obstacles, margin=0.0)
     state.begin(0.02, 0.001, 0.0)
     margin = SeparationMargin(SeparationRule(), RESPONSE_TIME)
     margin.compile(state)

@@ -74,22 +74,6 @@ def test_who_is_admitted_is_due_and_knows_nothing():
     assert (certificates.numbers[ACTIVE], count(certificates)) == (1, 1)
 
 
-def test_who_is_dismissed_is_gone():
-    certificates, handle = new_certificates()
-    insert(handle, rows_of(1, 3, 4), np.array([[True] * 3, [True] * 3, [False] * 3]))
-    look(certificates, 3, [1.0, 2.0, 3.0])
-    remove(handle, rows_of(3))
-    assert soonest_of(handle, 9) == [1]
-    assert (certificates.numbers[ACTIVE], count(certificates)) == (1, 1)
-    remove(handle, rows_of(1, 4, 7))
-    assert (certificates.numbers[ACTIVE], count(certificates), certificates.expiry_tree[ROOT]) == (
-        0,
-        0,
-        math.inf,
-    )
-    assert soonest_of(handle, 9) == []
-
-
 def test_doubt_makes_all_that_are_watched_due_once():
     certificates, handle = new_certificates()
     insert(handle, rows_of(0, 1, 6), np.array([[True] * 3, [False] * 3, [False, True, False]]))

@@ -2,13 +2,9 @@
 
 import math
 
-import coal
 import numpy as np
 import pytest
 
-from armguard.monitor import Monitor
-from armguard.obstacles import Obstacles
-from armguard.robot import Robot
 from armguard.scheduling.tournament import ROOT, entries_of
 from armguard.verdict import Level, ReasonKind
 from support.adversary import Hunt
@@ -21,7 +17,6 @@ from support.panda_monitor import (
     panda,
     see,
     steps,
-    subjects,
 )
 
 NEAR = [0.9, 0.3, 0.5]
@@ -93,21 +88,6 @@ def test_ids_that_come_and_go_in_each_tick():
         assert verdict.complete
         assert verdict.obstacle in obstacles.ids
         check_book(obstacles, monitor)
-
-
-def test_one_that_comes_back_near_under_its_old_name_is_seen_there():
-    obstacles, monitor = make_monitor("deadline")
-    see(obstacles, 0.0, FAR, ["a"])
-    steps(monitor, 0, 5)
-    obstacles.remove(["a"])
-    see(obstacles, 5 * PERIOD, NEAR, ["a"])
-    (verdict,) = steps(monitor, 5, 1)
-    assert verdict.contact_time < 0.2
-    obstacles.remove(["a"])
-    obstacles.add_static("a", [0.7, 0.2, 0.4], 0.2)
-    (verdict,) = steps(monitor, 6, 1)
-    assert verdict.obstacle == "a"
-    assert verdict.contact_time < 0.5
 
 
 def test_without_staleness_every_answer_is_that_of_full():
@@ -214,30 +194,6 @@ def test_a_state_that_breaks_what_certificates_rest_on_is_due_at_once():
     assert steps(monitor, 40, 60)[-1].level > Level.STOP
 
 
-def test_an_overload_is_a_stop_that_says_so_and_ends_by_itself():
-    obstacles, monitor = make_monitor("deadline", budget=40, rise_delay=0.0, source_timeout=10.0)
-    names = [f"b{i}" for i in range(400)]
-    rng = np.random.default_rng(9)
-    place = rng.normal(size=(400, 3))
-    place *= rng.uniform(2.5, 3.5, (400, 1)) / np.linalg.norm(place, axis=1)[:, None]
-    see(obstacles, 0.0, place, names, speed=0.2, accel=0.5)
-    (verdict,) = steps(monitor, 0, 1)
-    assert (verdict.level, verdict.complete) == (Level.STOP, False)
-    assert ReasonKind.OVERDUE in kinds(verdict)
-    one_look = 2 * len(monitor._scheduler.arm.state.tree.radius) + 2 * len(panda().links) + 2
-    verdicts, most = [], 0
-    for k in range(1, 601):
-        verdicts += steps(monitor, k, 1)
-        most = max(most, monitor._last[1].evaluated)
-    assert most <= 40 + one_look
-    # Each question of the stop decision may spend as much again: two of the stop, six of the scale.
-    assert all(one.evaluated <= 9 * (40 + one_look) for one in verdicts)
-    assert all(one.level is Level.STOP or one.complete for one in verdicts)
-    assert verdicts[-1].complete
-    assert verdicts[-1].level > Level.STOP
-    check_book(obstacles, monitor)
-
-
 def test_ticks_may_come_late_but_clocks_may_not_jump():
     obstacles, monitor = make_monitor("deadline", source_timeout=1e9)
     see(obstacles, 0.0, [6.0, 0.0, 0.5], velocity=[[0.0, 0.0, 0.0]], speed=0.1)
@@ -282,42 +238,3 @@ def test_the_table_grows_and_widens_under_way():
     (verdict,) = steps(monitor, tick, 1)
     assert verdict.obstacle == "near"
     assert verdict.contact_time < 0.2
-
-
-def test_what_is_attached_under_way_counts_at_once():
-    robot = Robot.load("panda")
-    obstacles = Obstacles()
-    monitor = Monitor(robot, obstacles, source_timeout=10.0)
-    see(obstacles, 0.0, [1.7, 0.0, 0.5], speed=0.2, accel=0.5)
-    bare = steps(monitor, 0, 5)[-1]
-    robot.attach("rod", "panda_hand", coal.Box(0.05, 0.05, 0.8))
-    longer = steps(monitor, 5, 5)[0]
-    assert longer.complete
-    assert longer.contact_time < bare.contact_time
-    robot.detach("rod")
-    again = steps(monitor, 10, 5)[-1]
-    assert again.contact_time == pytest.approx(bare.contact_time, abs=0.02)
-    check_book(obstacles, monitor)
-
-
-def test_reset_looks_at_everything_anew():
-    obstacles, monitor = make_monitor("deadline", source_timeout=10.0)
-    see(obstacles, 0.0, [[4.0, 0.0, 0.5], [5.0, 0.0, 0.5]], ["a", "b"])
-    first, *_, later = steps(monitor, 0, 50)
-    assert later.evaluated < first.evaluated
-    monitor.reset()
-    (again,) = steps(monitor, 50, 1)
-    assert again.evaluated >= first.evaluated
-    assert again.complete
-    check_book(obstacles, monitor)
-
-
-def test_a_second_monitor_on_the_same_table_is_noticed():
-    obstacles, monitor = make_monitor("deadline")
-    see(obstacles, 0.0, FAR)
-    steps(monitor, 0, 1)
-    _, other = make_monitor("deadline", obstacles=obstacles)
-    assert steps(other, 1, 1)[0].complete
-    (verdict,) = steps(monitor, 1, 1)
-    assert verdict.level is Level.STOP
-    assert subjects(verdict, ReasonKind.INTERNAL_ERROR)

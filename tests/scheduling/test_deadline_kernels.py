@@ -1,6 +1,5 @@
 """Looks at what is due: as good as a look at everything, in time, and never too many at once."""
 
-import copy
 import math
 
 import numpy as np
@@ -10,18 +9,17 @@ from armguard.contact import earliest_contact_pair
 from armguard.lab.extremes.arms import make_arm
 from armguard.pairs.evaluate import evaluate, find_unsafe_pair
 from armguard.pairs.scene import REACH
-from armguard.robot.joint_acceptance import BELIEVED, accept_at
+from armguard.robot.joint_acceptance import accept_at
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling import deadline_kernels
-from armguard.scheduling.certificates import PROVED, UNPLACED, stop_place
+from armguard.scheduling.certificates import PROVED, stop_place
 from armguard.scheduling.deadline_kernels import (
     CROWD,
     MOST_READ_AHEAD,
-    _read_ahead,
     time_to_spare,
 )
 from armguard.scheduling.scheduler import Tick
-from armguard.scheduling.timing_wheel import NOBODY, WAITING, take_out
+from armguard.scheduling.timing_wheel import NOBODY, take_out
 from armguard.scheduling.tournament import entries_of, set_value
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
@@ -211,79 +209,6 @@ def test_nothing_at_all_and_things_that_stand_still():
 FAR, NEAR = [8.0, 0.0, 0.5], [0.9, 0.0, 0.5]
 
 
-def advance(monitor, number, q=HOME, v=STILL, *, now=None, may_evaluate=True):
-    stamp = number * 1e-3
-    now = stamp if now is None else now
-    return monitor._scheduler.advance(stamp, q, v, now, 0.0, number + 1, may_evaluate)
-
-
-def advance_compiled(monitor, number):
-    """The same by compiled code alone."""
-    scheduler, stamp = monitor._scheduler, number * 1e-3
-    return scheduler._advance(
-        scheduler._tick_data, stamp, HOME, STILL, stamp, 0.0, number + 1, True
-    )
-
-
-def watched(position):
-    obstacles, monitor = make_monitor()
-    see(obstacles, 0.0, position)
-    steps(monitor, 0, 1)
-    return obstacles, monitor
-
-
-def test_state_and_look_in_one_call():
-    _, monitor = watched(FAR)
-    verdict = monitor.step(1e-3, HOME, STILL)
-    found, _, stop_time, late, seen = advance(monitor, 2)
-    assert found == BELIEVED
-    assert (seen.overdue, seen.broken, seen.disturbed, seen.ended) == (0, (), False, 0)
-    assert stop_time == verdict.stop_time
-    assert stop_time < late < math.inf
-    assert monitor._scheduler.arm.names(seen.pair) == (verdict.link, verdict.obstacle)
-    assert abs(seen.expiry - 1e-3 - verdict.contact_time) < 1e-9
-    assert advance_compiled(monitor, 3)[4] == (stop_time + 0.3) / (
-        1.0 - monitor.settings.max_staleness
-    )
-
-
-def test_without_leave_it_does_not_look():
-    _, monitor = watched(FAR)
-    found, *_, seen = advance(monitor, 1, may_evaluate=False)
-    assert (found, seen) == (BELIEVED, None)
-
-
-def test_a_refused_state_leaves_the_last_one_as_it_was():
-    _, monitor = watched(FAR)
-    for q, v, now in (
-        (HOME + np.nan, STILL, None),
-        (HOME, STILL + 99.0, None),
-        (HOME, STILL, 9.0),
-    ):
-        found, *_, seen = advance(monitor, 1, q, v, now=now)
-        assert found < BELIEVED
-        assert seen is None
-        assert (monitor._states.q == HOME).all()
-    assert advance(monitor, 1)[0] == BELIEVED
-
-
-def test_doubt_waits_for_the_look_that_knows_of_it():
-    _, monitor = watched(FAR)
-    monitor._scheduler.invalidate_all()
-    assert advance(monitor, 1)[4] is None
-
-
-def test_where_the_arm_is_needed_it_is_placed():
-    obstacles, monitor = watched(FAR)
-    see(obstacles, 1e-3, NEAR, ids=["near"])
-    monitor._scheduler.follow()
-    assert advance_compiled(monitor, 1)[5] == UNPLACED
-    seen = advance(monitor, 2)[4]
-    assert monitor._scheduler.arm.names(seen.pair)[1] == "near"
-    assert seen.evaluated > 1
-    assert seen.disturbed is False
-
-
 def prove_rest(pace):
     """A monitor that has proved that its arm rests in time if it is told to stop a little later.
 
@@ -342,10 +267,12 @@ def test_a_proof_outlasts_a_state_that_agrees_with_all_that_it_rests_on(pace):
     since = None if pace is None else 0.0
     _, recall, _ = prove_rest(pace)
     assert recall(1, since) == PROVED
-    for states in ("states", "reference_states"):
+    for is_reference in (False, True):
         scheduler, recall, _ = prove_rest(pace)
+        proofs = scheduler.certificates.proofs
         # As if that had been another state, with which the next one does not agree.
-        getattr(scheduler.certificates.proofs, states).points[:, :, 0] += 1.0
+        states = proofs.reference_states if is_reference else proofs.known.states
+        states.points[:, :, 0] += 1.0
         assert recall(1, since) != PROVED
 
 
@@ -362,31 +289,6 @@ def test_a_renewed_proof_rests_on_the_state_by_which_links_were_not_asked_then(p
     number = renew()
     points[:, :, 0] -= 1.0
     assert recall(number, since) != PROVED
-
-
-@pytest.mark.parametrize("count", [0, 1, MOST_READ_AHEAD + 50])
-def test_reading_ahead_changes_nothing(count):
-    obstacles, monitor = make_monitor()
-    names = [f"b{k}" for k in range(count)]
-    see(obstacles, 0.0, np.tile(FAR, (count, 1)), names)
-    scheduler = monitor._scheduler
-    scheduler.follow()
-    scene, certificates = scheduler.arm.state.scene, scheduler.certificates
-    assert certificates.wheel.numbers[WAITING] == count
-    before = copy.deepcopy((scene.bodies, scene.marks, certificates))
-    _read_ahead.py_func(scene, certificates)
-    for one, other in zip(
-        _list_arrays(before),
-        _list_arrays((scene.bodies, scene.marks, certificates)),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(one, other)
-
-
-def _list_arrays(nested):
-    if isinstance(nested, np.ndarray):
-        return [nested]
-    return [array for part in nested for array in _list_arrays(part)]
 
 
 def test_a_tick_with_more_due_than_is_read_ahead_evaluates_all():
@@ -484,18 +386,6 @@ def test_a_budget_that_is_spent_is_told_with_its_numbers():
                     )
     assert {4, 12} <= {budget for budget, _ in told} <= {2, 4, 12}
     assert {level for _, level in told} >= {Level.STOP, Level.SLOW}
-
-
-@pytest.mark.parametrize("budget", [1, 20])
-def test_without_a_budget_for_a_closer_look_near_is_a_stop(budget):
-    rng = np.random.default_rng(2)
-    places = scatter(rng, 20, 1.15, 1.3)
-    obstacles, monitor = make_monitor("deadline", budget=budget, rise_delay=0.0)
-    see(obstacles, 0.0, places, [f"b{k}" for k in range(20)], speed=0.3)
-    verdict = monitor.step(0.0, HOME, np.zeros(7))
-    assert verdict.level is Level.STOP
-    assert verdict.speed_scale == 0.0
-    assert ReasonKind.BUDGET_SPENT in kinds(verdict) or not verdict.complete
 
 
 def test_an_arm_of_one_joint_needs_no_kernels_of_its_own():

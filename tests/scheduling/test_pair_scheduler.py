@@ -22,8 +22,8 @@ from support.panda_monitor import (
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
     arm = monitor._scheduler.arm
-    state = TickState(arm.kinematics, arm.motion, obstacles, margin=0.0, by_distance=False)
-    state.begin(now, arm_age, arm.state.refinement_threshold)
+    state = TickState(arm.kinematics, arm.motion, obstacles, margin=0.0)
+    state.begin(now, arm_age, monitor._last[0].refinement_threshold)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)
     pairs = (rows[:, None] * links + np.arange(links)).ravel()
@@ -56,11 +56,92 @@ def test_full_sees_every_pair_while_ids_come_and_go():
         assert verdict.contact_time == pytest.approx(min(watched.values(), default=math.inf))
         assert verdict.complete
         if watched:
-            pair = min(watched, key=watched.get)
-            assert verdict.link == links[pair % len(links)]
-            assert verdict.obstacle == obstacles.ids[pair // len(links)]
+            pair = obstacles.row(verdict.obstacle) * len(links) + links.index(verdict.link)
+            # Of what is far off, no link is evaluated by itself.
+            is_far = verdict.contact_time >= monitor._last[0].refinement_threshold
+            assert is_far or watched[pair] == pytest.approx(verdict.contact_time)
         reported = {(one.link, one.obstacle) for one in monitor.pairs(10**6)}
         assert len(reported) == len(watched)
+
+
+class Chosen:
+    """Names and flags what it is told to, and remembers what it was told."""
+
+    def __init__(self):
+        self.names = self.flags = np.zeros(0, dtype=np.int64)
+        self.members, self.touched, self.settled = set(), [], []
+
+    def insert(self, pairs):
+        assert not self.members & set(pairs.tolist())
+        self.members |= set(pairs.tolist())
+
+    def remove(self, pairs):
+        assert self.members >= set(pairs.tolist())
+        self.members -= set(pairs.tolist())
+
+    def touch(self, pairs):
+        self.touched = pairs.tolist()
+
+    def due(self):
+        return self.names
+
+    def settle(self, contact_times, stop_time):
+        self.settled = contact_times.tolist()
+
+    def flagged(self):
+        return self.flags
+
+    def ranking(self):
+        return np.array(sorted(self.members), dtype=np.int64)
+
+
+def test_what_a_schedule_names_and_flags_is_evaluated_in_that_tick():
+    schedule = Chosen()
+    obstacles, monitor = make_monitor(schedule)
+    places = {"touches": 0.9, "near": 1.9, "middle": 2.5, "far": 9.0, "farther": 12.0}
+    still = {"velocity": np.zeros((5, 3)), "speed": 0.2, "accel": 0.5}
+    see(obstacles, 0.0, [[x, 0.0, 0.5] for x in places.values()], list(places), **still)
+    steps(monitor, 0, 1)
+    links = len(panda().links)
+    pairs = {name: obstacles.row(name) * links + 2 for name in places}
+    assert schedule.members == set(range(5 * links))
+
+    def evaluated(tick):
+        steps(monitor, tick, 1)
+        at = monitor._scheduler.certificates.evaluated_at
+        return {name for name in places if at[obstacles.row(name)] == tick * PERIOD}
+
+    assert evaluated(1) <= {"touches"}
+    schedule.names = np.array([pairs["far"], pairs["middle"]])
+    assert evaluated(2) >= {"far", "middle"}
+    expiry = monitor._scheduler.certificates.pair_expiry.reshape(-1)[schedule.names]
+    assert schedule.settled == pytest.approx(expiry - 2 * PERIOD, abs=1e-12)
+    # Of what is flagged, what could be touched before the arm rests, or else the most imminent.
+    schedule.names = schedule.names[:0]
+    schedule.flags = np.array([pairs[name] for name in ("near", "farther", "far")])
+    for tick in (3, 4):
+        assert evaluated(tick) - {"touches"} == {"near"}
+    schedule.flags = np.array([pairs[name] for name in ("touches", "farther")])
+    assert evaluated(5) == {"touches"}
+    # News make all pairs of their obstacle due out of turn.
+    see(obstacles, 5.5 * PERIOD, [9.0, 0.0, 0.5], ["far"], accel=7.0)
+    assert "far" in evaluated(6)
+    assert schedule.touched == list(range(pairs["far"] - 2, pairs["far"] - 2 + links))
+    monitor._scheduler.invalidate_all()
+    assert evaluated(7) == set(places)
+    assert set(schedule.touched) == schedule.members
+    obstacles.remove(["far"])
+    steps(monitor, 8, 1)
+    assert not schedule.members & set(range(pairs["far"] - 2, pairs["far"] - 2 + links))
+
+
+def test_full_evaluates_all_even_where_a_stop_is_certain():
+    obstacles, monitor = make_monitor("full")
+    see(obstacles, 0.0, np.tile([0.3, 0.0, 0.6], (300, 1)), [f"b{k}" for k in range(300)])
+    for tick in range(2):
+        assert steps(monitor, tick, 1)[0].level is Level.STOP
+        at = monitor._scheduler.certificates.evaluated_at
+        assert (at[obstacles.table.alive] == tick * PERIOD).all()
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
@@ -79,7 +160,7 @@ def test_a_new_obstacle_counts_in_its_first_tick(schedule):
     assert verdict.contact_time > 1.0
 
 
-@pytest.mark.parametrize("schedule", ["deadline", "full", "distance", "daa"])
+@pytest.mark.parametrize("schedule", ["deadline", "full", "daa"])
 def test_reports_of_pairs(schedule):
     obstacles, monitor = make_monitor(schedule)
     assert monitor.pairs() == []
@@ -95,12 +176,9 @@ def test_reports_of_pairs(schedule):
     bounds = {
         name: {one.bound for one in reports if one.obstacle == name} for name in ("near", "far")
     }
-    if schedule == "distance":
-        assert bounds == {"near": {"distance"}, "far": {"distance"}}
-    else:
-        assert bounds["near"] <= {"reach", "isotropic", "joint"}
-        assert first.bound == "joint"
-        assert bounds["far"] == {"reach"}
+    assert bounds["near"] <= {"reach", "isotropic", "joint"}
+    assert first.bound == "joint"
+    assert bounds["far"] == {"reach"}
     assert np.linalg.norm(first.point_on_obstacle - [0.9, 0.0, 0.5]) == pytest.approx(0.1, abs=1e-4)
     assert len(monitor.pairs(3)) == 3
     obstacles.remove(["near"])

@@ -15,7 +15,6 @@ from armguard.scheduling.timing_wheel import (
     TURNING,
     WAITING,
     grow_wheel,
-    is_idle,
     make_due,
     make_wheel,
     most_urgent,
@@ -148,18 +147,6 @@ def test_an_entry_never_comes_out_in_the_tick_that_put_it_off():
         assert wheel.numbers[WAITING] == 300
 
 
-@pytest.mark.parametrize("wait", [40, 1000, 8000])
-def test_those_that_fall_due_together_are_spread(wait):
-    """No tick has much more to do than the share that is its own."""
-    count = 10 * (wait // EARLY + 1)
-    wheel = make_wheel(count)
-    for entry in range(count):
-        put_off(wheel, entry, wait, 0.0)
-    loads = wheel.load[wheel.load > 0]
-    assert len(loads) > 0.9 * wait // EARLY
-    assert loads.max() <= 3 * 10
-
-
 @pytest.mark.parametrize("count", [3, 100, 5000])
 def test_the_load_stays_level_while_entries_come_round(count):
     wait = 100
@@ -190,30 +177,3 @@ def test_growing_loses_nothing():
     put_off(grown, 99, 5, 0.0)
     turn(grown, 30)
     assert sorted(read(grown)[0]) == [*range(8), 99]
-
-
-def test_an_empty_wheel_turns():
-    wheel = make_wheel(0)
-    turn(wheel, 7)
-    turn(wheel, 3)
-    assert wheel.numbers[TICK] == 7
-    assert most_urgent(wheel) == NOBODY
-
-
-def test_a_wheel_is_idle_where_turning_it_brings_nothing():
-    rng = np.random.default_rng(6)
-    wheel = make_wheel(5)
-    seen = set()
-    for tick in range(1, 400):
-        for entry in range(5):
-            if rng.random() < 0.02:
-                put_off(wheel, entry, tick + int(rng.integers(1, 20)), 0.0)
-        idle = is_idle(wheel, tick)
-        turn(wheel, tick)
-        assert not (idle and wheel.numbers[WAITING])
-        if not idle:
-            assert wheel.numbers[WAITING] > 0
-        seen.add(idle)
-        while most_urgent(wheel) != NOBODY:
-            take_out(wheel, most_urgent(wheel))
-    assert seen == {True, False}

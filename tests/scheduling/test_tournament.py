@@ -54,14 +54,6 @@ def test_everything_above_the_entries_is_the_least_of_its_eight():
         assert tournament[ROOT : ROOT + len(players)].tolist() == players.min(axis=1).tolist()
 
 
-def test_those_who_play_against_each_other_share_a_line_of_cache():
-    tournaments = [make_tournament(300)]
-    for _ in range(50):
-        tournaments.append(grow_tournament(tournaments[-1], 400))
-    for tournament in tournaments:
-        assert (tournament.ctypes.data + (ROOT + 1) * 8) % 64 == 0
-
-
 def test_what_is_no_number_counts_as_least():
     tournament = make_tournament(4)
     set_value(tournament, 0, -5.0)

@@ -32,7 +32,6 @@ def test_usual_settings_and_what_follows_from_them():
 
 def test_joint_bounds_are_left_out_where_they_are_not_wanted():
     assert not Settings(motion="isotropic").with_joints
-    assert not Settings(schedule="distance").with_joints
     assert Settings(schedule="full").with_joints
     own = make_schedule("daa", 0.002)
     assert Settings(schedule=own).schedule is own

@@ -19,7 +19,6 @@ import numpy as np
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
-from armguard.scheduling.deadline import DeadlineScheduler
 from armguard.scheduling.timing_wheel import SLOTS
 from armguard.verdict import Level
 from support import attackers, true_arm
@@ -221,8 +220,6 @@ class Hunt:
     def read_schedule(self):
         """Ticks since each ball was looked at, until it will be, and from one to the other."""
         scheduler = self.monitor._scheduler
-        if not isinstance(scheduler, DeadlineScheduler):
-            return (np.zeros(self.count, np.int64),) * 3
         certificates = scheduler.certificates
         rows = [self.obstacles.row(name) for name in self.names]
         age = self.tick * self.step - certificates.evaluated_at[rows]

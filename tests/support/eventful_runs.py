@@ -28,7 +28,6 @@ MOTIONS = {
     "scaled": {"operating": OperatingLimits(velocity=1.5, acceleration=[6.0] * 7)},
     "daa": {"schedule": "daa", "reaction_time": 0.05},
     "full": {"schedule": "full"},
-    "distance": {"schedule": "distance"},
     "committed": {"motion": "planned"},
     "left": {"motion": "planned", "leave": "any", "operating": "published"},
 }

@@ -15,7 +15,7 @@ STILL = np.zeros(7)
 PERIOD = 1e-3
 FAR = [20.0, 0.0, 0.5]
 DAA_LAWS = [(law, sort) for law in ("powers", "fibonacci") for sort in ("partial", "total")]
-SCHEDULES = ["deadline", "full", "distance", *DAA_LAWS]
+SCHEDULES = ["deadline", "full", *DAA_LAWS]
 
 
 @functools.cache

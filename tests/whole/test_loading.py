@@ -32,12 +32,9 @@ NOT_LOADED = (
     "armguard.pairs.arm_obstacles",
     "armguard.pairs.shared_plan",
     # schedules of pairs
-    "armguard.scheduling.flagged_pairs",
-    "armguard.scheduling.pair_certificates",
     "armguard.scheduling.pair_scheduler",
     "armguard.scheduling.paper.daa",
     "armguard.scheduling.paper.full",
-    "armguard.pairs.hull_gap",
     # what verdicts can carry beside their own answer
     "armguard.contact.arguments",
     "armguard.contact.certificate",

@@ -295,7 +295,7 @@ def test_proofs_are_renewed_at_leisure_only_where_nothing_lacks_one(ending):
     assert recall(2e-3) == ENDING
     proofs.until[lacks] = tick.time - 1e-9
     assert recall(2e-3) == ASKABLE
-    proofs.retry_revision[lacks] = proofs.revision[lacks]
+    proofs.retry_revision[lacks] = proofs.known.revision[lacks]
     proofs.retry_at[lacks] = tick.time + 1.0
     assert recall(2e-3) == IN_VAIN
 

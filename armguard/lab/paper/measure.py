@@ -19,7 +19,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.lab.paper.world import World
 from armguard.lab.rows import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
-from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
+from armguard.scheduling.paper.full import FullSchedule
 from armguard.scheduling.paper.partition import PartitionLaw
 from armguard.settings.schedule import Schedule
 
@@ -138,7 +138,7 @@ class _Contestant:
         due = schedule.due()
         values = measure(due)
         schedule.settle(values, STOP_TIME)
-        ranking = schedule.ranking() if schedule.every_tick else None
+        ranking = schedule.ranking() if isinstance(schedule, FullSchedule) else None
         spent = 1e-3 * (time.thread_time_ns() - begin)
         named = int((schedule.ranking() if ranking is None else ranking)[0])
         self._ticks += 1
@@ -221,7 +221,7 @@ def _make_contestants(world: World) -> list[_Contestant]:
     schedules: list[tuple[str, Schedule]] = [
         *((name, DaaSchedule(world.period, law, sort)) for name, law, sort in DAA),
         (FULL, FullSchedule()),
-        (DISTANCE, DistanceSchedule()),
+        (DISTANCE, FullSchedule()),
     ]
     return [_Contestant(name, schedule, world) for name, schedule in schedules]
 

@@ -110,7 +110,6 @@ AXES: dict[str, list[Rung]] = {
         *(Rung("cover", f"{mm} mm", protrusion=1e-3 * mm) for mm in (80, 40, 10)),
     ],
     "motion": [
-        Rung("motion", "distance", {"schedule": "distance"}),
         Rung("motion", "isotropic", {"motion": "isotropic"}),
         Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
     ],

@@ -39,7 +39,6 @@ from armguard.scheduling.paper.partition import (
     compute_ticks_until_turn,
     make_partition,
 )
-from armguard.settings.schedule import Measure
 
 SortLaw: TypeAlias = Literal["partial", "total"]
 
@@ -176,16 +175,11 @@ class DaaSchedule:
     Ticks are counted by `due`, from 0 on. Kernels are compiled in the constructor.
 
     Attributes:
-        measure: What `settle` is to be given.
-        every_tick: Whether all pairs are due in every tick.
         period: Time between two ticks, in [s].
         law: By which places are parted into buckets.
         sort: How pairs that were evaluated are sorted.
         tick: Number of the present tick; -1 before the first.
     """
-
-    measure: Measure = "contact_time"
-    every_tick: bool = False
 
     def __init__(
         self, period: float, partition: PartitionLaw = "powers", sort: SortLaw = "partial"

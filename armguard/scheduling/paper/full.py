@@ -1,9 +1,9 @@
 """Every pair in every tick, by contact time (full-DAA) or by distance alone (full-DF).
 
 The two references of [Awareness]_: nothing is missed and nothing is saved. By distance is what is
-usually done: the nearest pair first, whichever way it moves; in the monitor its time is the
-distance over the speed bounds of the pair. The ranking is made only when somebody asks for it,
-since the verdict needs the smallest time and not the order.
+usually done: the nearest pair first, whichever way it moves. Here they differ only in what they are
+given. The ranking is made only when it is asked for, since the verdict needs the smallest time and
+not the order.
 """
 
 from __future__ import annotations
@@ -19,19 +19,10 @@ from armguard.scheduling.paper.arguments import (
     refuse_settle,
     refuse_unknown,
 )
-from armguard.settings.schedule import Measure
 
 
 class FullSchedule:
-    """All pairs are due, none is ever flagged.
-
-    Attributes:
-        measure: What `settle` is to be given.
-        every_tick: Whether all pairs are due in every tick.
-    """
-
-    measure: Measure = "contact_time"
-    every_tick: bool = True
+    """All pairs are due, none is ever flagged."""
 
     def __init__(self) -> None:
         self._members: dict[int, None] = {}
@@ -78,7 +69,7 @@ class FullSchedule:
         """Take the results for all pairs.
 
         Args:
-            contact_times: In [s], or whatever `measure` says. Shape (M,).
+            contact_times: In [s], or whatever else pairs are ranked by. Shape (M,).
             stop_time: In [s]. Without meaning here: every pair is looked at again next tick.
         """
         if not self._awaiting:
@@ -109,15 +100,3 @@ class FullSchedule:
     def _change(self) -> None:
         self._stale = True
         self._awaiting = False
-
-
-class DistanceSchedule(FullSchedule):
-    """All pairs are due, measured by distance; none is ever flagged.
-
-    Attributes:
-        measure: What `settle` is to be given.
-        every_tick: Whether all pairs are due in every tick.
-    """
-
-    measure: Measure = "distance"
-    every_tick: bool = True

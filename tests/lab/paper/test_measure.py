@@ -81,9 +81,6 @@ def test_lateness_is_counted_from_the_alarm_to_the_turn(monkeypatch):
     monkeypatch.setattr(measure, "STOP_TIME", 1.0)
 
     class Rota:
-        every_tick = False
-        measure = "contact_time"
-
         def __init__(self, turns):
             self.turns, self.tick = turns, 0
 

@@ -55,7 +55,7 @@ def test_what_cannot_be_made_says_why():
 
 
 def test_contact_time_alone_stops_no_less():
-    braking, by_time = make(), make(AXES["motion"][2])
+    braking, by_time = make(), make(AXES["motion"][1])
     for one in (braking, by_time):
         one.run(1.0)
     assert (by_time.track.level <= braking.track.level).all()

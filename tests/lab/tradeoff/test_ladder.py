@@ -76,12 +76,12 @@ def test_combinations_take_most_rungs_first_and_are_few():
     assert some[0].rungs == tuple(rungs)
     assert all(len(one.rungs) > 1 and not one.axis for one in some)
     assert combine(rungs[:1]) == combine([]) == []
-    assert Setting("x", (AXES["motion"][2],)).rule
+    assert Setting("x", (AXES["motion"][1],)).rule
 
 
 def test_rungs_that_set_the_same_thing_are_not_combined():
-    one = Rung("motion", "distance", {"schedule": "distance"})
+    one = Rung("schedule", "full", {"schedule": "full"})
     other = Rung("schedule", "daa, powers", {"schedule": ("daa", "powers")})
     third = Rung("rate", "100 Hz", {"rate": 100.0})
     combined = [setting.name for setting in combine([one, other, third])]
-    assert combined == ["motion distance + rate 100 Hz", "schedule daa, powers + rate 100 Hz"]
+    assert combined == ["schedule full + rate 100 Hz", "schedule daa, powers + rate 100 Hz"]

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armguard.scheduling import DistanceSchedule, FullSchedule, Schedule
+from armguard.scheduling import FullSchedule, Schedule
 
 
 def test_every_pair_is_due_in_every_tick_and_none_is_flagged():
@@ -13,7 +13,6 @@ def test_every_pair_is_due_in_every_tick_and_none_is_flagged():
         assert schedule.due().tolist() == [30, 10, 20]
         schedule.settle([0.0, np.nan, np.inf], 1e9)
         assert schedule.flagged().size == 0
-    assert schedule.measure == "contact_time"
 
 
 def test_ranking_is_by_time_with_doubtful_ones_first_and_ties_as_they_came():
@@ -57,14 +56,3 @@ def test_what_is_due_is_what_was_inserted_and_not_removed(changes):
         schedule.settle(due * 1.0, 0.1)
         assert schedule.ranking().tolist() == sorted(members)
         assert len(schedule) == len(members)
-
-
-def test_it_asks_for_distances_and_is_otherwise_full():
-    schedule: Schedule = DistanceSchedule()
-    assert schedule.measure == "distance"
-    schedule.insert([4, 2])
-    for distances, ranking in [([0.5, 2.0], [4, 2]), ([3.0, 2.0], [2, 4])]:
-        assert schedule.due().tolist() == [4, 2]
-        schedule.settle(distances, 0.0)
-        assert schedule.ranking().tolist() == ranking
-        assert schedule.flagged().size == 0
