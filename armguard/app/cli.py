@@ -531,12 +531,6 @@ class Tradeoff:
     """Of all motions."""
     no_plots: Flag = False
     """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
-    dask: str | None = None
-    """Measure settings on the workers of a Dask scheduler at this address, or of `local`."""
-    workers: int | None = None
-    """How many processes of this machine measure settings; needs Dask (the extra `cluster`)."""
-    resume: Flag = False
-    """Go on with the settings that an earlier run of this study has kept in `out`."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 
@@ -558,12 +552,6 @@ class Extremes:
     """The page to write; without it, it is printed."""
     seed: int = 0
     """Of all cases."""
-    dask: str | None = None
-    """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
-    workers: int | None = None
-    """How many processes of this machine measure cases; needs Dask (the extra `cluster`)."""
-    resume: Flag = False
-    """Go on with the cases that an earlier run has kept beside `out`."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 

@@ -12,7 +12,7 @@ from armguard.lab.faults import command
 from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest
 from armguard.lab.paper import command as paper
-from armguard.lab.tradeoff import growth, study
+from armguard.lab.tradeoff import study
 from support import commissioned_runs
 from support.urdf_arms import two_links
 
@@ -39,14 +39,12 @@ def words_of(tmp_path, recording, monkeypatch):
     What would take long is made short, or its result is made up.
     """
     monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
-    monkeypatch.setattr(growth, "COUNTS", (1,))
-    monkeypatch.setattr(growth, "SECONDS", 0.02)
     monkeypatch.setattr(study, "MOMENTS", 1)
     monkeypatch.setattr(paper, "BALLS", (3, 8))
     monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
     monkeypatch.setattr(paper, "PERIODS", (0.05,))
-    lines = [Line("radius", "1 m", SOUND)]
-    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (lines, True))
+    line = Line("radius", "1 m", SOUND)
+    monkeypatch.setattr(extremes, "measure_all", lambda seed, lines, tell: lines.append(line))
     found = CampaignReport([], [], Closest(0, 1.0, 0.5), 1.0)
     monkeypatch.setattr(command, "run_campaign", lambda faults, tell: found)
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")

@@ -6,7 +6,6 @@ import numpy as np
 
 from armguard.lab.tradeoff.contestant import Track
 from armguard.lab.tradeoff.figures import Figures
-from armguard.lab.tradeoff.growth import Grown
 from armguard.lab.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
 from armguard.lab.tradeoff.scene import Message, Site, make_scene
 from armguard.lab.tradeoff.study import Outcome, Study
@@ -59,7 +58,6 @@ def make_study(**changes):
         Outcome(Setting(str(rung), (rung,)), make_figures(core=0.05, stop=0.3, late_max=np.nan)),
         Outcome(Setting("odd"), None, "it | cannot be"),
     ]
-    grown = [Grown("full", pairs, 2.0 * pairs**0.5, 1.0, 0.0) for pairs in (10, 300, 3000)]
     tracks = {name: make_track([3, 2, 0, 0, 1]) for name in (DEFAULT, FINEST)}
-    study = Study(outcomes, [DEFAULT, "budget 16"], [], [], grown, tracks, 5.0, "")
+    study = Study(outcomes, [DEFAULT, "budget 16"], [], [], tracks, 5.0, "")
     return study._replace(**changes)

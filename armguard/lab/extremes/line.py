@@ -24,5 +24,3 @@ class Line(NamedTuple):
     """Of an evaluation or of a tick, in the median, in [µs]."""
     note: str = ""
     """Against what, or why refused."""
-    machine: str = ""
-    """Where it was measured; empty where all is of this process."""

@@ -54,6 +54,13 @@ class Case(NamedTuple):
     settings: Mapping[str, Any] = {}  # nobody writes to it
     """Of `Monitor`."""
 
+    def measure(self, seed: int) -> Line:
+        """The line of this case."""
+        try:
+            return _measure(self, seed)
+        except ArmguardError as error:
+            return Line(self.group, self.name, REFUSED, note=str(error))
+
 
 def list_cases() -> list[Case]:
     """All of them."""
@@ -86,14 +93,6 @@ def list_cases() -> list[Case]:
                near if count < 5 else (1.6, 0.0, 0.5))
           for count in (1, 2, 4, 7, 10, 14)),
     ]  # fmt: skip
-
-
-def measure_case(case: Case, seed: int) -> Line:
-    """The line of a case."""
-    try:
-        return _measure(case, seed)
-    except ArmguardError as error:
-        return Line(case.group, case.name, REFUSED, note=str(error))
 
 
 @functools.cache

@@ -36,8 +36,8 @@ from armguard.lab.faults.scene import (
 )
 from armguard.lab.faults.session import FaultyCell
 from armguard.lab.faults.truth import Closest, Witness
-from armguard.lab.rows import Tell
 from armguard.lab.simulation.trajectory import JointTrajectory
+from armguard.lab.study_facts import Tell
 from armguard.robot.robot import Robot
 from armguard.verdict import Effect, ReasonKind
 

@@ -12,8 +12,7 @@ from armguard.lab.faults.campaign import PATIENCE, CampaignReport
 from armguard.lab.faults.outcome import Outcome
 from armguard.lab.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
 from armguard.lab.pages import write_table
-from armguard.lab.study_facts import describe_machine, describe_versions
-from armguard.recording.provenance import describe_software
+from armguard.lab.study_facts import list_facts
 from armguard.streams.faults import quote
 
 COLUMNS = (
@@ -85,8 +84,7 @@ def write_page(report: CampaignReport) -> str:
         + (f", with {one.lost} events lost" if one.lost else ", nothing lost")
         for one in report.replayed
     ]
-    software = describe_software()
-    machine = f"{describe_machine(software)}; {describe_versions(software)}"
+    machine = "; ".join(list_facts().values())
     setting = (
         f"{len(report.outcomes)} faults in {report.duration / 60.0:.1f} minutes at 1 kHz on "
         f"{machine}. In the cell file: latency {1e3 * LATENCY:.0f} ms, joint_timeout "
@@ -121,10 +119,8 @@ def summarise(report: CampaignReport) -> str:
 
 def describe(report: CampaignReport) -> dict[str, Any]:
     """The report as plain data, for `--json`."""
-    software = describe_software()
     return {
-        "machine": describe_machine(software),
-        "versions": describe_versions(software),
+        **list_facts(),
         "passed": report.passed,
         "seconds": round(report.duration, 1),
         "contacts": report.whole.contacts,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.lab.paper.world import World
-from armguard.lab.rows import Tell
+from armguard.lab.study_facts import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
 from armguard.scheduling.paper.full import DistanceSchedule, FullSchedule
 from armguard.scheduling.paper.partition import PartitionLaw

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.cover.cover import Cover
-from armguard.lab.rows import Row, pack_array, unpack_array
 from armguard.lab.tradeoff.ladder import BY_TIME, Setting
 from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.monitor.monitor import Monitor
@@ -50,42 +49,6 @@ class Track(NamedTuple):
         """The ticks before a time in [s]."""
         count = int(np.searchsorted(self.time, end - 1e-9))
         return Track._make(field[:count] for field in self)
-
-
-class Run(NamedTuple):
-    """What one setting said of the scene, and what that took."""
-
-    setting: Setting
-    track: Track
-    intake: list[float]
-    """What each message took, in [s]."""
-    begun: float
-    """Up to where it was run, in [s] of the scene."""
-    response: float
-    """Until a STOP of the next tick takes effect, in [s]."""
-    memory: int
-    """[bytes]."""
-    machine: str = ""
-    """Where; empty where all is of this process."""
-
-    def describe(self) -> Row:
-        """All but the setting as plain data, for `restore`."""
-        return {
-            "track": {name: pack_array(field) for name, field in self.track._asdict().items()},
-            "intake": self.intake,
-            "begun": self.begun,
-            "response": self.response,
-            "memory": self.memory,
-        }
-
-    @classmethod
-    def restore(cls, setting: Setting, row: Row) -> Run:
-        """The run that was described."""
-        track = {name: unpack_array(field) for name, field in row["track"].items()}
-        return cls(
-            setting, Track(**track), row["intake"], row["begun"], row["response"],
-            row["memory"], row.get("machine", ""),
-        )  # fmt: skip
 
 
 class Contestant:
@@ -193,10 +156,6 @@ class Contestant:
                 pace=np.where(stops, 0.0, track.pace),
             )
         return track
-
-    def report(self) -> Run:
-        """What it said so far."""
-        return Run(self.setting, self.track, self.intake, self.begun, self.response, self.memory)
 
 
 def hold(unsafe: NDArray[np.bool_], time: Array, rise_delay: float) -> NDArray[np.bool_]:

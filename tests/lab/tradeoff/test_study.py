@@ -1,32 +1,22 @@
 import pytest
 
 from armguard.exceptions import ArmguardError
-from armguard.lab.rows import Here, Rows
-from armguard.lab.tradeoff import growth
 from armguard.lab.tradeoff import study as study_module
 from armguard.lab.tradeoff.command import _make_site
-from armguard.lab.tradeoff.covers import Covers
-from armguard.lab.tradeoff.ladder import AUTO, DEFAULT, FINEST
+from armguard.lab.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, Setting
 from armguard.lab.tradeoff.report import summarise
 from armguard.lab.tradeoff.scene import make_scene
 from armguard.lab.tradeoff.study import TURN, _choose, run_study
 from support.tradeoff_cases import make_site, small_scene
 
-UNKEPT = Rows(Here(), None, {}, resume=False)
-
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
-    monkeypatch.setattr(growth, "COUNTS", (1,))
-    monkeypatch.setattr(growth, "SECONDS", 0.02)
     monkeypatch.setattr(study_module, "MOMENTS", 1)
 
 
 def study(tell=lambda text, share: None, axes=("schedule", "budget"), **settings):
-    site = make_site(**{"rate": 100.0} | settings)
-    return run_study(
-        site, small_scene(0.4), axes, 0, Covers(site.robot), tell, UNKEPT, in_turns=True
-    )
+    return run_study(make_site(**{"rate": 100.0} | settings), small_scene(0.4), axes, tell)
 
 
 def interrupt(where, times=1):
@@ -59,8 +49,6 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure(monkeypatch):
     assert found.interrupted == ""
     assert set(found.front) <= set(names)
     assert len(found.hunted) == 12
-    assert {one.schedule for one in found.grown} >= {"deadline", "full"}
-    assert study(axes=("budget",)).grown == []
     assert all(0.0 <= share <= 1.0 for share in told)
     assert all(one.figures.tight_adversary <= 1.0 for one in found.outcomes)
 
@@ -68,8 +56,7 @@ def test_all_settings_see_the_same_and_the_finest_is_the_measure(monkeypatch):
 def test_what_a_trial_chooses_is_held_against_the_finest_on_another_scene():
     site = make_site(rate=100.0)
     trial = make_scene(site, None, 3, 0.4, 7)[0]
-    given = site, small_scene(0.4), [AUTO], 0, Covers(site.robot), lambda text, share: None
-    found = run_study(*given, UNKEPT, trial)
+    found = run_study(site, small_scene(0.4), [AUTO], lambda text, share: None, trial)
     assert [one.setting.name for one in found.outcomes] == [DEFAULT, FINEST, AUTO]
     assert found.choice.ticks == 40
     assert found.find(AUTO).missed == 0.0
@@ -116,17 +103,20 @@ def test_an_interrupt_keeps_what_all_have_seen():
     assert found.seconds == pytest.approx(2 * TURN)
     tracks = found.tracks.values()
     assert {len(track.time) for track in tracks} == {round(2 * TURN * 100.0) - 1}
-    assert found.contacts == found.hunted == found.grown == []
+    assert found.contacts == found.hunted == []
     assert all(one.figures is None or one.figures.missed == 0.0 for one in found.outcomes)
     assert found.find("budget 16") is not None
 
 
-@pytest.mark.parametrize("part", ["what really happened", "an adversary", "growth"])
-def test_an_interrupt_later_on_leaves_out_what_had_not_begun(part):
+@pytest.mark.parametrize("part", ["what really happened", "an adversary", "combinations"])
+def test_an_interrupt_later_on_leaves_out_what_had_not_begun(part, monkeypatch):
+    rung = AXES["budget"][0]
+    monkeypatch.setattr(study_module, "combine", lambda rungs: [Setting("both", (rung, rung))])
     found = study(interrupt(part), axes=("schedule",))
     assert found.interrupted == ("what really happened" if part == "an adversary" else part)
     assert found.find(FINEST) is not None
-    assert bool(found.hunted) == (part == "growth")
+    assert found.find("both") is None
+    assert bool(found.hunted) == (part == "combinations")
 
 
 def test_an_interrupt_before_there_is_anything_is_one():
