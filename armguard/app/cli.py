@@ -476,7 +476,7 @@ class NewRobot:
     """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
-        """Ask, fit, write, and show what it costs."""
+        """Ask, fit, and write."""
         from armguard.lab.new_robot.command import run_new
 
         return run_new(self)
@@ -529,8 +529,6 @@ class Tradeoff:
     """Of the scene."""
     seed: int = 0
     """Of all motions."""
-    no_plots: Flag = False
-    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 
@@ -573,8 +571,6 @@ class Paper:
     """The folder to write the report into."""
     seed: int = 0
     """Of all motions."""
-    no_plots: Flag = False
-    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 

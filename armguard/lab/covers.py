@@ -27,7 +27,6 @@ from armguard.cover.interchange import (
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
 from armguard.jit.progress import following
-from armguard.lab.lever_report import JointLevers, compare_levers
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -174,17 +173,14 @@ def fit_cover(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float |
 
 
 def prove(target: Target) -> int:
-    """Prove a known robot's cover again, and show it and its levers; the exit code."""
+    """Prove a known robot's cover again, and show it; the exit code."""
     if target.cover is None or not isinstance(target.robot, Robot):
         raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
     cover = Cover.load(target.cover)
     cover.verify(target.robot)
     report = cover.check(target.robot)
-    code = show_report(report)
-    levers = compare_levers(target.robot, cover)
-    _print(_tabulate_levers(levers))
-    print_json(lambda: describe(report) | {"levers": levers})
-    return code
+    print_json(lambda: describe(report))
+    return show_report(report)
 
 
 def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> int:
@@ -350,16 +346,6 @@ def _tabulate_gaps(gaps: dict[str, Gap]) -> Table:
     ]
     caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
     heads = ("link", "spheres", "uncovered", "up to, mm", "covered")
-    return make_table(heads, rows, caption=caption)
-
-
-def _tabulate_levers(levers: dict[str, JointLevers]) -> Table:
-    rows = [
-        (name, f"{one.proved:.3f}", f"{one.sampled:.3f}", f"{one.ratio:.3f}")
-        for name, one in levers.items()
-    ]
-    caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
-    heads = ("joint", "lever, m", "sampled, m", "median ratio")
     return make_table(heads, rows, caption=caption)
 
 

@@ -18,7 +18,7 @@ from armguard.app.terminal import make_plain
 from armguard.exceptions import ArmguardError
 
 JSON_FILE, PAGE = "report.json", "README.md"
-"""What a report has for programs and for people, beside its pictures."""
+"""What a report has for programs and for people."""
 
 UNKNOWN = "–"
 """What people are shown instead of what is no number."""
@@ -83,21 +83,17 @@ def write_report(
     folder: Path,
     title: str,
     body: Sequence[str],
-    captions: Mapping[str, str],
-    pictures: Mapping[str, bytes],
     facts: Sequence[str],
     data: Mapping[str, Any],
 ) -> None:
-    """Write a page in Markdown, its pictures, and the same for programs as JSON.
+    """Write a page in Markdown, and the same for programs as JSON.
 
-    The page has the summary, the body, the pictures, and how all that was measured.
+    The page has the summary, the body, and how all that was measured.
 
     Args:
         folder: Where; it is there.
         title: Of the page.
         body: Lines.
-        captions: What each picture shows, by its name, in the order in which they are shown.
-        pictures: Those that were drawn, PNG files by name.
         facts: Command, machine, versions and seed, a line each.
         data: All that was found, as records and plain data; `summary` is a list of lines. What is
             no number becomes null.
@@ -106,17 +102,16 @@ def write_report(
         ArmguardError: One of them cannot be written.
     """
     lines = [f"# {title}", "", list_lines(data["summary"]), *body, ""]
-    for name, caption in captions.items():
-        if (file := f"{name}.png") in pictures:
-            lines += [f"![{caption}]({file})", ""]
     lines += ["## How it was measured", "", list_lines(facts)]
     lines.append(f"All figures are in [{JSON_FILE}]({JSON_FILE}).\n")
     plain = round_off(make_plain(data))
-    report = {
-        JSON_FILE: msgspec.json.format(msgspec.json.encode(plain), indent=1),
-        PAGE: "\n".join(lines).encode(),
-    }
-    write_files(folder, {**report, **pictures})
+    write_files(
+        folder,
+        {
+            JSON_FILE: msgspec.json.format(msgspec.json.encode(plain), indent=1),
+            PAGE: "\n".join(lines).encode(),
+        },
+    )
 
 
 def check_page(out: Path) -> None:

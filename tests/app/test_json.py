@@ -12,7 +12,6 @@ from armguard.lab.faults import command
 from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest
 from armguard.lab.paper import command as paper
-from armguard.lab.tradeoff import study
 from support import commissioned_runs
 from support.urdf_arms import two_links
 
@@ -39,7 +38,6 @@ def words_of(tmp_path, recording, monkeypatch):
     What would take long is made short, or its result is made up.
     """
     monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
-    monkeypatch.setattr(study, "MOMENTS", 1)
     monkeypatch.setattr(paper, "BALLS", (3, 8))
     monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
     monkeypatch.setattr(paper, "PERIODS", (0.05,))
@@ -62,17 +60,17 @@ def words_of(tmp_path, recording, monkeypatch):
         "robots": ([], "robots"),
         "robot": (
             ["new", str(two_links(tmp_path)), "--out", out, "--yes", "--spheres", "2"],
-            "costs",
+            "choices",
         ),
         "cover": (["panda", "--export", str(tmp_path / "panda.yml")], "wrote"),
         "commission": ([str(recording)], "cell_lines"),
         "tradeoff": (
-            ["--out", out, "--seconds", "1", "--no-plots", "--axis", "max_staleness"],
+            ["--out", out, "--seconds", "1", "--axis", "max_staleness"],
             "settings",
         ),
         "faults": ([], "passed"),
         "extremes": ([], "lines"),
-        "paper": (["--no-plots", "--out", out], "rows"),
+        "paper": (["--out", out], "rows"),
     }
 
 
@@ -105,7 +103,7 @@ def test_a_cover_that_is_proved_says_what_it_is_like(tmp_path, capfd):
     assert main(["cover", "panda", "--check", "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
     assert told["wrote"] is None
-    assert {"proved", "sampled", "ratio"} == set(told["levers"]["panda_joint1"])
+    assert told["links"]["panda_hand"]["proved"] is True
     few = tmp_path / "few.yml"
     few.write_text("collision_spheres: {upper: [{center: [0.0, 0.0, 0.0], radius: 0.05}]}\n")
     assert main(["cover", str(tmp_path / "arm.urdf"), "--import", str(few), "--json"]) == 1

@@ -62,11 +62,6 @@ def test_a_known_robots_cover_is_proved_again(capsys):
     code, out, err = run(["cover", "--check", "panda"], capsys)
     assert (code, err) == (0, "")
     assert len(re.findall(r" yes ", out)) == 11
-    levers = re.findall(r"panda_joint\d .* ([\d.]+) .* ([\d.]+) .* ([\d.]+) ", out)
-    assert len(levers) == 7
-    for proved, seen, ratio in levers:
-        assert float(seen) <= float(proved)
-        assert 1.0 <= float(ratio) < 2.0
     assert "NO" not in out
 
 

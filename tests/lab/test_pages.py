@@ -40,13 +40,11 @@ def test_a_table_for_people_keeps_its_columns_whatever_cells_hold():
 
 def test_a_report_has_a_page_with_its_parts_in_order_and_the_same_for_programs(tmp_path):
     data = {"summary": ["one", "two"], "rows": [Record()], "least": -math.inf}
-    captions, pictures = {"p": "one picture", "q": "none"}, {"p.png": b"png"}
-    write_report(tmp_path, "Title", ["## Body"], captions, pictures, ["Seed: 0"], data)
+    write_report(tmp_path, "Title", ["## Body"], ["Seed: 0"], data)
     assert (tmp_path / "README.md").read_text() == (
-        "# Title\n\n- one\n- two\n\n## Body\n\n![one picture](p.png)\n\n"
+        "# Title\n\n- one\n- two\n\n## Body\n\n"
         "## How it was measured\n\n- Seed: 0\n\nAll figures are in [report.json](report.json).\n"
     )
-    assert (tmp_path / "p.png").read_bytes() == b"png"
     assert json.loads((tmp_path / "report.json").read_text()) == {
         "summary": ["one", "two"],
         "rows": [{"count": 3, "share": 0.666667, "nothing": None}],

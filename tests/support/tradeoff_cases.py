@@ -39,7 +39,6 @@ def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
         np.broadcast_to(np.asarray(contact_time, dtype=float), (count,)),
         np.full(count, 0.1),
         np.ones(count),
-        np.zeros(count),
     )
     return track._replace(**fields)
 
@@ -58,6 +57,5 @@ def make_study(**changes):
         Outcome(Setting(str(rung), (rung,)), make_figures(core=0.05, stop=0.3, late_max=np.nan)),
         Outcome(Setting("odd"), None, "it | cannot be"),
     ]
-    tracks = {name: make_track([3, 2, 0, 0, 1]) for name in (DEFAULT, FINEST)}
-    study = Study(outcomes, [DEFAULT, "budget 16"], [], [], tracks, 5.0, "")
+    study = Study(outcomes, [DEFAULT, "budget 16"], [], 5.0, "")
     return study._replace(**changes)

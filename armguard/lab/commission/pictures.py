@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import functools
+import importlib.util
+import io
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from armguard.exceptions import ArmguardError
 from armguard.lab.commission.findings import Findings
 from armguard.lab.commission.stops import LEAD_IN
-from armguard.lab.pictures import check_plots, draw_figures
 
-_COLUMNS = 2
+_COLUMNS, _DPI = 2, 90
 _SIZE = (5.0, 2.8)
 """Of one panel, in inches."""
 
@@ -27,29 +27,28 @@ def draw(found: Findings) -> dict[str, bytes]:
     Raises:
         ArmguardError: Matplotlib is missing.
     """
-    check_plots("")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ArmguardError("pictures", "need matplotlib", remedy='pip install "armguard[plot]"')
+    import matplotlib.figure
+
+    rows = math.ceil(len(found.brakes) / _COLUMNS)
     pictures: dict[str, bytes] = {}
-    for name, joints, draw_panel in (
-        ("stops", list(found.brakes), _draw_stops),
-        ("stopping", list(found.brakes), _draw_stopping),
-        ("velocities", list(found.limits), _draw_velocities),
-    ):
-        if joints:
-            size = _COLUMNS * _SIZE[0], math.ceil(len(joints) / _COLUMNS) * _SIZE[1]
-            drawn = functools.partial(_draw_panels, found, joints, draw_panel)
-            pictures |= draw_figures({name: drawn}, size)
+    for name, draw_panel in (("stops", _draw_stops), ("stopping", _draw_stopping)):
+        if not rows:
+            continue
+        figure = matplotlib.figure.Figure(
+            figsize=(_COLUMNS * _SIZE[0], rows * _SIZE[1]), layout="constrained"
+        )
+        panels: Any = np.ravel(figure.subplots(rows, _COLUMNS, squeeze=False))
+        for panel, joint in zip(panels, found.brakes, strict=False):
+            draw_panel(panel, found, joint)
+            panel.set_title(joint, fontsize=9)
+        for panel in panels[len(found.brakes) :]:
+            panel.set_axis_off()
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=_DPI)
+        pictures[f"{name}.png"] = file.getvalue()
     return pictures
-
-
-def _draw_panels(found: Findings, joints: Sequence[str], draw_panel: Any, figure: Any) -> None:
-    """A panel for each joint."""
-    rows = math.ceil(len(joints) / _COLUMNS)
-    panels = np.ravel(figure.subplots(rows, _COLUMNS, squeeze=False))
-    for panel, joint in zip(panels, joints, strict=False):
-        draw_panel(panel, found, joint)
-        panel.set_title(joint, fontsize=9)
-    for panel in panels[len(joints) :]:
-        panel.set_axis_off()
 
 
 def _draw_stops(panel: Any, found: Findings, name: str) -> None:
@@ -77,11 +76,3 @@ def _draw_stopping(panel: Any, found: Findings, name: str) -> None:
     panel.set_xlim(left=0.0)
     panel.set_ylim(bottom=0.0)
     panel.set(xlabel="speed; lines: what [[brakes]] states", ylabel="stopping time [ms]")
-
-
-def _draw_velocities(panel: Any, found: Findings, name: str) -> None:
-    """How often a joint was how fast, and the limit that it kept to."""
-    seen, joint = found.seen, found.seen.robot.joints.index(name)
-    panel.hist(np.abs(seen.v[:, joint]), bins=60, log=True)
-    panel.axvline(found.limits[name].velocity, color="black", linestyle=":", linewidth=0.8)
-    panel.set(xlabel="speed; dotted: kept to", ylabel="joint states")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
 import tempfile
 import tomllib
@@ -12,11 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from armguard.app import cli
-from armguard.app.processes import complain
-from armguard.app.terminal import make_console, make_table, print_json
+from armguard.app.terminal import make_console, print_json
 from armguard.cover.cover import Cover
 from armguard.cover.report import CoverReport
-from armguard.exceptions import ArmguardError, RobotError
+from armguard.exceptions import RobotError
 from armguard.jit.progress import following
 from armguard.lab.covers import (
     UNPROVED,
@@ -26,13 +24,6 @@ from armguard.lab.covers import (
     show_report,
 )
 from armguard.lab.covers import describe as describe_cover
-from armguard.lab.new_robot.costs import (
-    WALKING_SPEED,
-    WORKING_SHARE,
-    StopFigures,
-    list_cases,
-    measure,
-)
 from armguard.lab.new_robot.limits import (
     ERROR_CHOSEN,
     LOAD,
@@ -57,7 +48,6 @@ from armguard.lab.new_robot.questions import (
 )
 from armguard.lab.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.lab.new_robot.text import NewRobot, list_choices, write_text
-from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -112,7 +102,7 @@ how it is read."""
 
 
 def run_new(wishes: cli.NewRobot) -> int:
-    """Write the folder of a new robot, and print what its choices cost; the exit code.
+    """Write the folder of a new robot, and print what in it is no data of the arm; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
@@ -132,7 +122,7 @@ def run_new(wishes: cli.NewRobot) -> int:
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
-    costs = show_costs(Robot.load(wishes.out.absolute()), planning)
+    Robot.load(wishes.out.absolute())
     unused = () if planning is None else planning.unused
     print_json(
         lambda: {
@@ -140,7 +130,6 @@ def run_new(wishes: cli.NewRobot) -> int:
             "cover": describe_cover(report),
             "choices": list_choices(new),
             "unused": unused,
-            "costs": costs,
         }
     )
     _print(
@@ -523,44 +512,6 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
             with contextlib.suppress(OSError):
                 path.unlink()
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
-
-
-def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopFigures]:
-    """Print what the monitor says of the arm as written, and with one choice at a time changed.
-
-    Returns:
-        The same, by what was changed.
-    """
-    most_accel, most_speed = Obstacles(sources=[]).bounds.others
-    caption = (
-        f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
-        f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
-        f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
-        "a STOP."
-    )
-    costs: dict[str, StopFigures] = {}
-    rows: list[tuple[str, str, str]] = []
-    cases = list(list_cases(robot, planning))
-    with following("asking the monitor about case", len(cases)) as begin:
-        for case in cases:
-            begin(case.name)
-            try:
-                figures = measure(case)
-            except ArmguardError as error:
-                complain(f"{case.name}: {error}")
-                continue
-            stop_time, distance = costs[case.name] = figures
-            rows.append(
-                (
-                    case.name,
-                    f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
-                    f"{distance:.2f}" if distance < math.inf else "anywhere",
-                )
-            )
-    heads = ("description", "rests within, ms", "STOP within, m")
-    title = "what each choice costs in STOP"
-    make_console().print(make_table(heads, rows, title=title, caption=caption))
-    return costs
 
 
 def _print(text: str) -> None:

@@ -10,9 +10,7 @@ from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.lab.pages import PAGE, list_lines, make_folder, write_report
 from armguard.lab.paper.measure import BALLS, MOST_EVALUATIONS, PERIODS, Row, measure_claims
-from armguard.lab.paper.plots import CAPTIONS, draw_pictures
 from armguard.lab.paper.report import describe, write_body
-from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import list_facts, show_progress, tell_command
 
 
@@ -29,8 +27,6 @@ def run(wishes: cli.Paper) -> int:
     out, seed = wishes.out, wishes.seed
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
-    if not wishes.no_plots:
-        check_plots()
     make_folder(out)
     rows: list[Row] = []
     interrupted = False
@@ -48,8 +44,6 @@ def run(wishes: cli.Paper) -> int:
         out,
         "What the paper claims of its schedules, measured",
         write_body(rows),
-        CAPTIONS,
-        {} if wishes.no_plots else draw_pictures(rows),
         [f"{name.capitalize()}: {fact}" for name, fact in facts.items()],
         data,
     )

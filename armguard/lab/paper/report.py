@@ -150,7 +150,7 @@ def _tell_agreement(period: float, name: str, rows: Sequence[Row]) -> str:
 
 
 def write_body(rows: Sequence[Row]) -> list[str]:
-    """Lines of the page between summary and pictures: a table for each period."""
+    """Lines of the page between the summary and how it was measured: a table for each period."""
     heads = ["schedule", *(column.head for column in COLUMNS)]
     order = _list_schedules(rows)
     body = ["## Worlds", "", LEGEND]

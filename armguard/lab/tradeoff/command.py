@@ -10,10 +10,8 @@ from armguard.app.cell.cell import Cell
 from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
 from armguard.lab.pages import PAGE, make_folder, write_report, write_table
-from armguard.lab.pictures import check_plots
 from armguard.lab.study_facts import list_facts, show_progress, tell_command
 from armguard.lab.tradeoff.ladder import AUTO, check_axes
-from armguard.lab.tradeoff.plots import CAPTIONS, draw_pictures
 from armguard.lab.tradeoff.report import LEGEND, describe, tabulate
 from armguard.lab.tradeoff.scene import Site, find_published, make_scene
 from armguard.lab.tradeoff.study import run_study
@@ -47,8 +45,6 @@ def run(wishes: cli.Tradeoff) -> int:
             raise ArmguardError(option, f"is {count}", expected="0 or more")
     if not 1.0 <= seconds <= LONGEST:
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
-    if not wishes.no_plots:
-        check_plots()
     site = _make_site(wishes.cell, wishes.robot)
     recording = None if wishes.person is None else str(wishes.person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
@@ -75,8 +71,6 @@ def run(wishes: cli.Tradeoff) -> int:
         out,
         f"What accuracy costs: {title}",
         ["## Settings", "", *(f"- {line}" for line in LEGEND), "", *write_table(*tabulate(study))],
-        CAPTIONS,
-        {} if wishes.no_plots else draw_pictures(study),
         [
             f"Command: `{facts['command']}`",
             f"Scene: {title}, {study.seconds:g} s of it, seed {seed}",

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import math
 import time
-import tracemalloc
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +41,6 @@ class Track(NamedTuple):
     """[s]."""
     pace: Array
     """At which an arm goes on that keeps to the speed scale, as a share of what it does here."""
-    flagged: Array
-    """Share of the pairs that `daa` watches out of turn."""
 
     def until(self, end: float) -> Track:
         """The ticks before a time in [s]."""
@@ -63,7 +60,6 @@ class Contestant:
     Attributes:
         setting: As given.
         rate: Of ticks, in [Hz].
-        memory: Of table and monitor once the first tick is over, in bytes.
         response: Until a STOP of the next tick takes effect, in [s].
         intake: What each message took, in [s].
         begun: Up to where it has been run, in [s] of the scene.
@@ -76,38 +72,27 @@ class Contestant:
         self.setting, self._site, self._scene = setting, site, scene
         self._robot = copy.copy(site.robot)
         self._robot.cover = cover
-        self.rate = self._make_settings()[0].rate
-        self._ticks = round(scene.seconds * self.rate)
-        self._prepare()  # once for the kernels, which all settings share
-        tracemalloc.start()
-        try:
-            self._prepare()
-            self.run(0.5 / self.rate)
-            self.memory = tracemalloc.get_traced_memory()[0]
-            self.begun = 0.0
-        finally:
-            tracemalloc.stop()
-
-    def _make_settings(self) -> tuple[Settings, DaaSchedule | None]:
-        """Of a monitor; and its schedule, if that is the paper's."""
-        keywords = self.setting.monitor(self._site.settings)
-        schedule = keywords.get("schedule")
-        if not isinstance(schedule, tuple):
-            return read_settings(None, keywords), None
-        del keywords["schedule"]
-        daa = DaaSchedule(read_settings(None, keywords).period, schedule[1])
-        return read_settings(None, {**keywords, "schedule": daa}), daa
-
-    def _prepare(self) -> None:
-        settings, self._daa = self._make_settings()
-        self.obstacles = self._site.make_obstacles()
+        settings = self._make_settings()
+        self.rate = settings.rate
+        self.obstacles = site.make_obstacles()
         self.monitor = Monitor(self._robot, self.obstacles, settings)
         self.response, self._rise_delay = settings.braking_delay, settings.rise_delay
         self._speeds = settings.put_in_force(self._robot).velocity
         self.intake: list[float] = []
         self.begun = 0.0
         self._tick = self._message = 0
+        self._ticks = round(scene.seconds * self.rate)
         self._numbers = np.zeros((self._ticks, len(Track._fields)))
+
+    def _make_settings(self) -> Settings:
+        """Of a monitor; the paper's schedule is made for their period."""
+        keywords = self.setting.monitor(self._site.settings)
+        schedule = keywords.get("schedule")
+        if isinstance(schedule, tuple):
+            del keywords["schedule"]
+            period = read_settings(None, keywords).period
+            keywords["schedule"] = DaaSchedule(period, schedule[1])
+        return read_settings(None, keywords)
 
     def run(self, until: float) -> None:
         """Go on to a time of the scene, in [s]."""
@@ -127,13 +112,9 @@ class Contestant:
             fastest = float(np.max(np.abs(v) / self._speeds))
             if fastest > 0.0:
                 pace /= fastest
-            flagged = 0.0
-            if self._daa is not None and len(self.obstacles):
-                pairs = len(self.obstacles) * len(self._robot.links)
-                flagged = len(self._daa.flagged()) / pairs
             self._numbers[self._tick] = (
                 now, spent, verdict.evaluated, int(verdict.level), verdict.contact_time,
-                verdict.stop_time, min(pace, 1.0), flagged,
+                verdict.stop_time, min(pace, 1.0),
             )  # fmt: skip
             if not verdict.complete:
                 # What is not known could be now.

@@ -20,7 +20,6 @@ COLUMNS = (
     Column("of a core", "core", "{:.1%}"),
     Column("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
     Column("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
-    Column("÷ adversary", "tight_adversary", "{:.2f}"),
     Column("STOP", "stop", "{:.1%}"),
     Column("SLOW", "slow", "{:.1%}"),
     Column("AWARE", "aware", "{:.1%}"),
@@ -28,8 +27,6 @@ COLUMNS = (
     Column("same level", "same_level", "{:.1%}"),
     Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
     Column("missed", "missed", "{:.0f}"),
-    Column("flagged", "flagged", "{:.0%}"),
-    Column("memory [kB]", "memory", "{:.0f}"),
 )
 """Of the table for people."""
 
@@ -38,8 +35,7 @@ LEGEND = (
     "says otherwise.",
     "“Of a core” is what steps and messages take of one core.",
     "“÷ finest” is the contact time over that of the finest setting in the same tick, in the "
-    "median and in the worst twentieth; “÷ adversary” over the first contact that an arm and a "
-    "body reached which did their worst within their bounds.",
+    "median and in the worst twentieth.",
     "“Work lost” is the share of its way that an arm would not have done that keeps to each "
     "verdict's speed scale.",
     "“Late” is how long after the finest setting's STOP this one says STOP.",
@@ -154,7 +150,6 @@ def describe(study: Study, title: str, facts: Mapping[str, str]) -> dict[str, An
             for one in study.outcomes
         ],
         "contacts": study.contacts,
-        "adversary": study.hunted,
     }
 
 

@@ -16,15 +16,13 @@ import numpy as np
 from armguard.exceptions import ArmguardError
 from armguard.lab.choice import choose_settings
 from armguard.lab.study_facts import Tell
-from armguard.lab.tradeoff.adversary import Adversary, Body
-from armguard.lab.tradeoff.contestant import Contestant, Track
+from armguard.lab.tradeoff.contestant import Contestant
 from armguard.lab.tradeoff.covers import Covers
-from armguard.lab.tradeoff.figures import Figures, Hunted, compute_figures, find_front
+from armguard.lab.tradeoff.figures import Figures, compute_figures, find_front
 from armguard.lab.tradeoff.ladder import (
     AUTO,
     DEFAULT,
     FINEST,
-    OPERATING,
     Rung,
     Setting,
     combine,
@@ -44,9 +42,6 @@ CLOSE = 0.01
 
 CHEAPER = 0.95
 """Of a price, what is cheaper by more than the measurement scatters."""
-
-MOMENTS, HUNTERS = 12, 2
-"""At which an adversary is let loose, and how many bodies of those that are nearest hunt."""
 
 
 class Outcome(NamedTuple):
@@ -72,9 +67,6 @@ class Study(NamedTuple):
     """Names of the settings on the front of price and caution."""
     contacts: list[Contact] | None
     """What really touched; None: it was ended before that was looked for."""
-    hunted: list[Hunted]
-    tracks: dict[str, Track]
-    """Of the default and of the finest."""
     seconds: float
     """Of the scene, that all settings have seen."""
     interrupted: str
@@ -137,25 +129,17 @@ def run_study(
     seconds = min((one.begun for one in contestants), default=0.0)
     if seconds <= 0.0:
         raise KeyboardInterrupt
-    tracks = {
-        one.setting.name: one.track.until(seconds)
-        for one in contestants
-        if one.setting.name in (DEFAULT, FINEST)
-    }
+    finest = next(one.track.until(seconds) for one in contestants if one.setting.name == FINEST)
     contacts: list[Contact] | None = None
-    hunted: list[Hunted] = []
 
     def judge(one: Contestant) -> Outcome:
         heard = sum(message.stamp <= seconds for message in scene.messages[: len(one.intake)])
         figures = compute_figures(
             one.track.until(seconds),
-            tracks[FINEST],
+            finest,
             one.intake[:heard],
-            # The adversary keeps to what the default counts with.
-            [] if one.setting.axis == OPERATING else hunted,
             contacts or [],
             one.response,
-            one.memory,
         )
         if contacts is None:
             figures = figures._replace(missed=math.nan)
@@ -165,8 +149,6 @@ def run_study(
         # Looked for in any case: that nothing was missed is not to be said without it.
         tell("what really happened", 0.0)
         contacts = _find_contacts(site, scene, seconds)
-        if not interrupted:
-            hunted = _hunt(site, scene, tracks[FINEST], tell)
     except KeyboardInterrupt:
         interrupted = interrupted or "what really happened"
     outcomes += map(judge, contestants)
@@ -184,8 +166,6 @@ def run_study(
         outcomes,
         [counted[place][0] for place in front],
         contacts,
-        hunted,
-        tracks,
         seconds,
         interrupted,
         choice,
@@ -256,46 +236,3 @@ def _find_contacts(site: Site, scene: Scene, seconds: float) -> list[Contact]:
 
     found = find_contacts(scene, TrueArm(site.robot, site.base), bounds)
     return [one for one in found if one.time <= seconds]
-
-
-def _hunt(site: Site, scene: Scene, finest: Track, tell: Tell) -> list[Hunted]:
-    """Let the nearest bodies hunt the arm, and the arm them, from moments that are still open."""
-    robot, base = site.robot, site.base
-    operating = site.settings.get("operating")
-    limits = robot.velocity_limit, robot.acceleration_limit
-    adversary = Adversary(robot, base, *(operating.resolve(robot) if operating else limits))
-    arm, table = TrueArm(robot, base), site.make_obstacles().settings
-    is_open = np.isfinite(finest.contact_time) & (finest.contact_time > 0.01)
-    times = finest.time[is_open]
-    hunted = []
-    for number, time in enumerate(times[:: max(1, len(times) // MOMENTS)][:MOMENTS]):
-        tell("an adversary", number / MOMENTS)
-        q, v = scene.sample(float(time))
-        arm.place(q)
-        bodies = _list_bodies(scene, float(time), table.accel, table.speed)
-        nearest = sorted(bodies, key=lambda body: arm.gap(body.ends, body.radius, 9.0)[0])
-        found = np.inf
-        for body in nearest[:HUNTERS]:
-            found = min(found, adversary.find_contact(q, v, body, min(1.0, found)))
-        hunted.append(Hunted(float(time), found))
-    return hunted
-
-
-def _list_bodies(scene: Scene, time: float, accel: float, speed: float) -> list[Body]:
-    """Where bodies are at a time as they were told of last, straight on; fresh ones alone."""
-    latest: dict[str, Body] = {}
-    for message in scene.messages:
-        if message.stamp > time + 1e-9:
-            break
-        if message.stamp < time - 0.05:
-            continue
-        for row, body in enumerate(message.ids):
-            velocity = message.velocity[row].mean(axis=0)
-            latest[body] = Body(
-                message.position[row] + velocity * (time - message.stamp),
-                velocity,
-                float(message.radius[row]),
-                message.bound("accel", row, accel),
-                message.bound("speed", row, speed),
-            )
-    return list(latest.values())

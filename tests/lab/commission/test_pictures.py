@@ -12,7 +12,7 @@ def find(stops):
 
 def test_there_is_a_picture_of_all_that_was_found():
     pytest.importorskip("matplotlib")
-    assert list(draw(find([0.7]))) == ["stops.png", "stopping.png", "velocities.png"]
+    assert list(draw(find([0.7]))) == ["stops.png", "stopping.png"]
     assert list(draw(find([]))) == ["velocities.png"]
 
 

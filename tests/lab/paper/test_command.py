@@ -13,7 +13,7 @@ def _quick(monkeypatch):
 
 
 def run(tmp_path, *words):
-    return main(["paper", "--no-plots", "--out", str(tmp_path / "out"), *words])
+    return main(["paper", "--out", str(tmp_path / "out"), *words])
 
 
 def test_the_report_is_written_and_its_summary_printed(tmp_path, capsys):

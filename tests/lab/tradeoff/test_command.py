@@ -4,19 +4,13 @@ import re
 import pytest
 
 from armguard.app.cli import main
-from armguard.lab.tradeoff import study
 from armguard.lab.tradeoff.covers import Covers
 
 CELL = '[robot]\nname = "panda"\n[sources.eye]\n[sources.ear]\n[monitor]\nrate = 100.0\n'
 
 
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    monkeypatch.setattr(study, "MOMENTS", 1)  # its own tests have all
-
-
 def run(tmp_path, *words):
-    usual = ["tradeoff", "--out", str(tmp_path / "out"), "--seconds", "1", "--no-plots"]
+    usual = ["tradeoff", "--out", str(tmp_path / "out"), "--seconds", "1"]
     return main([*usual, *words])
 
 
@@ -62,7 +56,7 @@ def test_an_output_folder_that_is_a_file_is_a_mistake(tmp_path, capsys):
     (tmp_path / "out").touch()
     assert run(tmp_path) == 2
     assert "out: cannot be made (File exists); expected a folder" in capsys.readouterr().err
-    assert main(["tradeoff", "--out", str(tmp_path / "out" / "in"), "--no-plots"]) == 2
+    assert main(["tradeoff", "--out", str(tmp_path / "out" / "in")]) == 2
 
 
 def test_a_robot_beside_a_cell_is_a_mistake(tmp_path, capsys):

@@ -35,7 +35,6 @@ def test_it_says_what_a_monitor_says_that_is_led_by_hand():
     assert track.stop_time.tolist() == [verdict.stop_time for verdict in verdicts[1:]]
     assert track.evaluated.tolist() == [verdict.evaluated for verdict in verdicts[1:]]
     assert (track.spent > 0.0).all()
-    assert one.memory > 10_000
     assert len(one.intake) == len(scene.messages) - len(messages)
 
 
@@ -64,14 +63,6 @@ def test_contact_time_alone_stops_no_less():
     assert (by_time.track.pace[by_time.track.level == Level.STOP] == 0.0).all()
 
 
-@pytest.mark.parametrize("law", [1, 2])
-def test_daa_tells_how_much_it_watches_out_of_turn(law):
-    one = make(AXES["schedule"][law])
-    one.run(0.5)
-    assert ((one.track.flagged >= 0.0) & (one.track.flagged <= 1.0)).all()
-    assert one._daa.law == ("powers", "fibonacci")[law - 1]
-
-
 def test_a_track_ends_where_it_is_told():
     one = make(SLOWER)
     one.run(0.6)
@@ -93,3 +84,9 @@ def test_the_usual_setting_is_the_librarys():
     one = Contestant(Setting(DEFAULT), site, small_scene(), site.robot.cover)
     assert one.monitor.settings.rate == one.rate == 1000.0
     assert one.response == pytest.approx(0.001 + 0.002 + 0.02)
+
+
+def test_the_papers_schedule_is_made_for_the_rate_of_its_setting():
+    for law in (1, 2):
+        schedule = make(AXES["schedule"][law]).monitor.settings.schedule
+        assert (schedule.law, schedule.period) == (("powers", "fibonacci")[law - 1], 1.0 / RATE)

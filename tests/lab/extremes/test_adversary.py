@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from armguard.lab.tradeoff.adversary import STEP, Adversary, Body
+from armguard.lab.extremes.adversary import STEP, Adversary, Body
 from armguard.lab.tradeoff.truth import measure
 from armguard.obstacles import Obstacles
 from support.panda_monitor import HOME, STILL, make_monitor, ranged_panda
