@@ -21,7 +21,7 @@ BLOCK = re.compile(
 )
 
 LEFT_OUT = {
-    "cover level 1", "cover level 2", "motion joint by time",
+    "cover level 1", "cover level 2",
     "schedule daa, fibonacci", "max_staleness 0.5", "rate 500 Hz", "budget 256",
 }  # fmt: skip
 """Settings that a table leaves to its report, and so are combinations."""

@@ -54,7 +54,7 @@ def test_a_scene_is_told_message_by_message():
     lead(monitor, ticks)
     for message in scene.messages:
         if message.stamp <= ticks[-1].stamp:
-            message.tell(table)
+            table.update(*message)
     ids = [one for one in table.ids if one]
     assert [one for one in monitor.obstacles.ids if one] == ids
     for one in ids:

@@ -3,11 +3,12 @@
 import functools
 
 import numpy as np
+import pinocchio
 
 from armguard.lab.tradeoff.contestant import Track
 from armguard.lab.tradeoff.figures import Figures
 from armguard.lab.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
-from armguard.lab.tradeoff.scene import Message, Site, make_scene
+from armguard.lab.tradeoff.scene import Notebook, Site, make_scene
 from armguard.lab.tradeoff.study import Outcome, Study
 from armguard.obstacles import Obstacles
 from support.panda_monitor import ranged_panda
@@ -23,9 +24,12 @@ def small_scene(seconds=1.0, balls=3):
 
 
 def make_message(stamp, position, *, body="ball", velocity=(0.0, 0.0, 0.0), radius=0.1, **bounds):
-    places = np.reshape(np.asarray(position, dtype=float), (1, -1, 3))
-    paces = np.broadcast_to(np.asarray(velocity, dtype=float), places.shape)
-    return Message(stamp, "eye", (body,), places, paces, np.array([radius]), bounds)
+    """One obstacle, as a scene takes it down."""
+    messages = []
+    Notebook(messages, 0.0, pinocchio.SE3.Identity(), "eye").update(
+        [body], stamp, position, np.broadcast_to(velocity, np.shape(position)), radius, **bounds
+    )
+    return messages[0]
 
 
 def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
@@ -37,7 +41,6 @@ def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
         np.full(count, 10),
         np.array(levels, dtype=np.int64),
         np.broadcast_to(np.asarray(contact_time, dtype=float), (count,)),
-        np.full(count, 0.1),
         np.ones(count),
     )
     return track._replace(**fields)

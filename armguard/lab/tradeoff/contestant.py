@@ -7,7 +7,6 @@ it can. The states are made before each timer starts.
 from __future__ import annotations
 
 import copy
-import math
 import time
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.cover.cover import Cover
-from armguard.lab.tradeoff.ladder import BY_TIME, Setting
+from armguard.lab.tradeoff.ladder import Setting
 from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.settings import read_settings
@@ -36,8 +35,6 @@ class Track(NamedTuple):
     evaluated: NDArray[np.int64]
     level: NDArray[np.int64]
     contact_time: Array
-    """[s]."""
-    stop_time: Array
     """[s]."""
     pace: Array
     """At which an arm goes on that keeps to the speed scale, as a share of what it does here."""
@@ -76,7 +73,7 @@ class Contestant:
         self.rate = settings.rate
         self.obstacles = site.make_obstacles()
         self.monitor = Monitor(self._robot, self.obstacles, settings)
-        self.response, self._rise_delay = settings.braking_delay, settings.rise_delay
+        self.response = settings.braking_delay
         self._speeds = settings.put_in_force(self._robot).velocity
         self.intake: list[float] = []
         self.begun = 0.0
@@ -101,7 +98,7 @@ class Contestant:
         while self._tick < self._ticks and (now := self._tick / self.rate) < until - 1e-9:
             while self._message < len(messages) and messages[self._message].stamp <= now + 1e-12:
                 begin = clock()
-                messages[self._message].tell(self.obstacles)
+                self.obstacles.update(*messages[self._message])
                 self.intake.append(1e-9 * (clock() - begin))
                 self._message += 1
             q, v = scene.sample(now)
@@ -114,7 +111,7 @@ class Contestant:
                 pace /= fastest
             self._numbers[self._tick] = (
                 now, spent, verdict.evaluated, int(verdict.level), verdict.contact_time,
-                verdict.stop_time, min(pace, 1.0),
+                min(pace, 1.0),
             )  # fmt: skip
             if not verdict.complete:
                 # What is not known could be now.
@@ -127,20 +124,6 @@ class Contestant:
         """What was said so far; of the ticks, the first is left out: it is the first of all."""
         numbers = self._numbers[1 : self._tick].T
         fields = dict(zip(Track._fields, numbers, strict=True))
-        track = Track(**fields)._replace(
+        return Track(**fields)._replace(
             evaluated=numbers[2].astype(np.int64), level=numbers[3].astype(np.int64)
         )
-        if self.setting.rule == BY_TIME:
-            stops = hold(~(track.contact_time > track.stop_time), track.time, self._rise_delay)
-            track = track._replace(
-                level=np.where(stops, int(Level.STOP), track.level),
-                pace=np.where(stops, 0.0, track.pace),
-            )
-        return track
-
-
-def hold(unsafe: NDArray[np.bool_], time: Array, rise_delay: float) -> NDArray[np.bool_]:
-    """Which ticks say STOP by a rule whose STOPs last for a while after it found reason."""
-    last = np.maximum.accumulate(np.where(unsafe, time, -math.inf))
-    held: NDArray[np.bool_] = time - last < rise_delay
-    return held | unsafe

@@ -25,9 +25,6 @@ AUTO = "auto"
 OPERATING = "operating"
 """Name of an axis of premises rather than of choices: what the controller is said to keep to."""
 
-BY_TIME = "by contact time alone"
-"""A STOP wherever contact could come before the arm rests, whatever braking would do."""
-
 MOST_COMBINED = 8
 """Settings that are combined at most."""
 
@@ -44,8 +41,6 @@ class Rung(NamedTuple):
     """Of the cover's tree, the finest that is used; None: all."""
     protrusion: float | None = None
     """Of a cover that is fitted for this, in [m]; None: the robot's own."""
-    rule: str = ""
-    """How a STOP is found: `BY_TIME`, or as the monitor says."""
 
     def __str__(self) -> str:
         return f"{self.axis} {self.value}"
@@ -72,13 +67,8 @@ class Setting(NamedTuple):
 
     @property
     def is_choice(self) -> bool:
-        """Whether it can be chosen: with no rule that monitors lack, and on the same premises."""
-        return not any(rung.rule or rung.axis == OPERATING for rung in self.rungs)
-
-    @property
-    def rule(self) -> str:
-        """How a STOP is found."""
-        return next((rung.rule for rung in self.rungs if rung.rule), "")
+        """Whether it can be chosen: on the same premises."""
+        return not any(rung.axis == OPERATING for rung in self.rungs)
 
 
 def _list_numbers() -> dict[str, list[Rung]]:
@@ -112,7 +102,6 @@ AXES: dict[str, list[Rung]] = {
     "motion": [
         Rung("motion", "distance", {"schedule": "distance"}),
         Rung("motion", "isotropic", {"motion": "isotropic"}),
-        Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
     ],
     "schedule": [
         Rung("schedule", "full", {"schedule": "full"}),
@@ -179,9 +168,9 @@ def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
         # Limits that a cell states stand in the place of those that are published.
         return (rung.monitor["operating"] is None) == (usual.get("operating") is None)
     declared = read_declarations(Settings)
-    return bool(rung.monitor) and not rung.rule and all(
+    return bool(rung.monitor) and all(
         usual.get(name, declared[name].default) == value for name, value in rung.monitor.items()
-    )  # fmt: skip
+    )
 
 
 def takes_long(rung: Rung, cover: Cover) -> bool:

@@ -42,10 +42,8 @@ LEGEND = (
     "“Missed” are contacts of the true surface that came sooner than was said, or without a STOP "
     "in time, those with bodies aside that broke their stated bounds.",
     "All settings judge the same states, of an arm that goes on whatever is said.",
-    "“Joint by time” is the default without its stop decision: a STOP wherever contact could come "
-    "before the arm rests. No monitor does that, and it is left out of what is recommended. So is "
-    "what differs in “operating”: what the controller keeps to is a premise, and no choice. The "
-    "arm here keeps to all of it.",
+    "What differs in “operating” is left out of what is recommended: what the controller keeps to "
+    "is a premise, and no choice. The arm here keeps to all of it.",
     "Settings with * are on the front: no other is both cheaper and no more cautious.",
 )
 """How to read that table."""

@@ -28,7 +28,7 @@ from armguard.lab.tradeoff.ladder import (
     combine,
     list_settings,
 )
-from armguard.lab.tradeoff.scene import Message, Scene, Site
+from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.lab.tradeoff.truth import Contact, TrueArm, find_contacts
 from armguard.lab.trial import list_ticks, make_setting
 from armguard.monitor.settings import read_settings
@@ -148,7 +148,9 @@ def run_study(
     try:
         # Looked for in any case: that nothing was missed is not to be said without it.
         tell("what really happened", 0.0)
-        contacts = _find_contacts(site, scene, seconds)
+        arm, table = TrueArm(site.robot, site.base), site.make_obstacles().settings
+        found = find_contacts(scene, arm, table.accel, table.speed)
+        contacts = [one for one in found if one.time <= seconds]
     except KeyboardInterrupt:
         interrupted = interrupted or "what really happened"
     outcomes += map(judge, contestants)
@@ -221,18 +223,3 @@ def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
         if is_better and one.setting.is_choice and figures.core < best.get(axis, (np.inf,))[0]:
             best[axis] = figures.core, one.setting.rungs[0]
     return [rung for _, rung in sorted(best.values(), key=lambda pair: pair[0])]
-
-
-def _find_contacts(site: Site, scene: Scene, seconds: float) -> list[Contact]:
-    table = site.make_obstacles().settings
-
-    def bounds(message: Message, row: int) -> tuple[float, float, float, float]:
-        return (
-            message.bound("accel", row, table.accel),
-            message.bound("speed", row, table.speed),
-            message.bound("position_error", row),
-            message.bound("velocity_error", row),
-        )
-
-    found = find_contacts(scene, TrueArm(site.robot, site.base), bounds)
-    return [one for one in found if one.time <= seconds]

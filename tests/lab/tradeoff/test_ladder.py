@@ -9,7 +9,6 @@ from armguard.lab.tradeoff.ladder import (
     MOST_COMBINED,
     OPERATING,
     Rung,
-    Setting,
     check_axes,
     combine,
     list_settings,
@@ -39,7 +38,7 @@ def test_one_axis_at_a_time_around_the_default():
     assert settings[0].rungs == ()
     assert all(len(one.rungs) == 1 and one.axis == one.rungs[0].axis for one in settings[2:])
     assert {one.axis for one in settings[2:]} == set(AXES)
-    assert all(one.is_choice == (one.axis != OPERATING and not one.rule) for one in settings)
+    assert all(one.is_choice == (one.axis != OPERATING) for one in settings)
     assert settings[1].monitor({}) == {"schedule": "full"}
     assert len({one.name for one in settings}) == len(settings)
     assert "cover 10 mm" in map(str, settings[1].rungs)
@@ -53,8 +52,6 @@ def test_levels_beyond_the_tree_and_what_the_default_is_anyway_are_left_out():
     ]
     assert "rate 500 Hz" not in names(["rate"], rate=500.0)
     assert "motion planned" not in names(["motion"], motion="planned")
-    # A rule of its own is a setting of its own, whatever the monitor's settings are.
-    assert "motion joint by time" in names(["motion"], motion="joint")
 
 
 def test_operating_limits_are_stated_where_none_are_and_left_out_where_some_are():
@@ -76,7 +73,6 @@ def test_combinations_take_most_rungs_first_and_are_few():
     assert some[0].rungs == tuple(rungs)
     assert all(len(one.rungs) > 1 and not one.axis for one in some)
     assert combine(rungs[:1]) == combine([]) == []
-    assert Setting("x", (AXES["motion"][2],)).rule
 
 
 def test_rungs_that_set_the_same_thing_are_not_combined():

@@ -40,7 +40,7 @@ def test_a_table_takes_what_is_told():
     scene, _ = make_scene(make_site(), None, 5, 1.0, 0)
     table = Obstacles()
     for message in scene.messages:
-        message.tell(table)
+        table.update(*message)
     assert len(table) == 5
     assert not table.take_faults()
 
