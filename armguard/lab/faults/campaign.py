@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.nodes import STEP, read_rows
-from armguard.lab.faults.outcome import Outcome, find_detection, measure_silence
+from armguard.lab.faults.outcome import Outcome, find_detection
 from armguard.lab.faults.scene import (
     LATENCY,
     ROBOT,
@@ -208,7 +208,7 @@ def judge(
         found = find_detection(
             fault, begin, trial.end + SIGNS_UNTIL, cell.verdicts.heard, cell.lines, truth
         )
-        missing, silence = measure_silence(cell.verdicts.silences, begin, until)
+        missing = sum(count for now, count in cell.verdicts.missing if begin <= now <= until)
         outcomes.append(
             Outcome(
                 fault,
@@ -227,7 +227,6 @@ def judge(
                     only_first=True,
                 ),
                 missing,
-                silence,
                 trial.was_tried,
             )
         )

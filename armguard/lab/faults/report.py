@@ -65,9 +65,7 @@ def list_cells(outcome: Outcome) -> list[str]:
 
 def draw_table(report: CampaignReport) -> Table:
     """The table for a terminal; what is not as it must be stands out."""
-    table = Table(title="faults", caption=summarise(report))
-    for column in COLUMNS:
-        table.add_column(column)
+    table = Table(*COLUMNS, title="faults", caption=summarise(report))
     for outcome in report.outcomes:
         cells = [cell.replace("**", "") for cell in list_cells(outcome)]
         table.add_row(*cells, style="red" if outcome.problem else None)
@@ -118,16 +116,15 @@ def summarise(report: CampaignReport) -> str:
 
 
 def describe(report: CampaignReport) -> dict[str, Any]:
-    """The report as plain data, for `--json`."""
+    """The report as records and plain data in SI units, for `--json`."""
+    faults = [one._asdict() | {"problem": one.problem} for one in report.outcomes]
     return {
         **list_facts(),
         "passed": report.passed,
-        "seconds": round(report.duration, 1),
-        "contacts": report.whole.contacts,
-        "closest_mm": round(1e3 * report.whole.distance, 1),
-        "moving": round(report.whole.moving, 3),
-        "faults": [outcome.describe() for outcome in report.outcomes],
-        "recordings": [one._asdict() for one in report.replayed],
+        "seconds": report.duration,
+        **report.whole._asdict(),
+        "faults": [one | {"fault": one["fault"].name} for one in faults],
+        "recordings": report.replayed,
     }
 
 

@@ -66,8 +66,5 @@ def test_who_touches_an_arm_at_rest_is_not_hit(witness):
     v = np.zeros_like(q)
     v[500, 3] = 1e-6
     assert witness.follow(times, q, v, lambda time: stand_at(0.4)).contacts == 1
-
-
-def test_an_arm_without_steps_was_not_seen_to_move(witness):
     nothing = np.zeros((0, 7))
     assert witness.follow(np.zeros(0), nothing, nothing, stand_at) == (0, np.inf, 0.0)
