@@ -254,7 +254,7 @@ class Commission:
     file: Annotated[Path, tyro.conf.Positional]
     """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
     out: Path | None = None
-    """The folder to write cell-lines.toml, robot.toml and pictures into."""
+    """The folder to write cell-lines.toml and robot.toml into."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 

@@ -143,10 +143,13 @@ def test_a_scale_that_differs_is_told_from_the_finest(monkeypatch, near):
     ("changes", "words"),
     [
         ({"trial": []}, "trial: has no ticks"),
-        ({"trial": 5}, "trial: is 5; expected joint states"),
+        ({"trial": 5}, "trial: has no ticks: 5; expected joint states"),
         ({"trial": [None]}, r"trial\[0\]: is a NoneType; expected .* each a TrialTick"),
         ({"trial": [(0.0, HOME, STILL)]}, r"trial\[0\]: is a tuple"),
-        ({"trial": [TrialTick(0.0, HOME, STILL, tell=5)]}, r"trial\[0\].tell: is 5"),
+        (
+            {"trial": [TrialTick(0.0, HOME, STILL, tell=5)]},
+            r"trial\[0\]: is a TrialTick; expected .* its `tell`",
+        ),
         ({"schedule": "full"}, "schedule: is 'full'; expected \"deadline\""),
         ({"schedule": DaaSchedule(0.005, "powers")}, "schedule: is one of the application's own"),
         ({"rate": -1.0}, "rate: is -1"),

@@ -36,14 +36,13 @@ from armguard.lab.new_robot.limits import (
 )
 from armguard.lab.new_robot.questions import (
     GIVEN,
+    KINDS,
     Asker,
     Figure,
     Question,
     match,
     put_general_first,
     read_amount,
-    read_number,
-    read_range,
     read_signed,
 )
 from armguard.lab.new_robot.sources import URDF, UrdfSource, find_urdf
@@ -62,43 +61,6 @@ from armguard.robot.urdf import UrdfModel
 
 DRAWN = "drawn"
 """Answer that takes what a link is drawn with for its collision geometry."""
-
-QUESTIONS: dict[str, tuple[str, str, Callable[[str, str], Any]]] = {
-    "position": ("position limits [rad or m]", "no joint ever leaves them", read_range),
-    "velocity": ("velocity limits [rad/s or m/s]", "no joint is ever faster", read_number),
-    "acceleration": (
-        "acceleration limits [rad/s² or m/s²]",
-        "no joint ever speeds up or slows down harder, emergency stops included",
-        read_number,
-    ),
-    "deceleration": (
-        "guaranteed decelerations [rad/s² or m/s²]",
-        "a stop with that load is never gentler, from whatever speed",
-        read_number,
-    ),
-    "operating_velocity": (
-        "operating velocities [rad/s or m/s]",
-        "the controller keeps to them at work",
-        read_number,
-    ),
-    "operating_acceleration": (
-        "operating accelerations [rad/s² or m/s²]",
-        "the controller speeds joints up no harder at work",
-        read_number,
-    ),
-    "position_error": (
-        "position errors [rad or m]",
-        "no measured state is off by more",
-        read_amount,
-    ),
-    "velocity_error": (
-        "velocity errors [rad/s or m/s]",
-        "no measured state is off by more",
-        read_amount,
-    ),
-}
-"""Of each joint, by field of the command: what is asked for, what the answer is relied on for, and
-how it is read."""
 
 
 def run_new(wishes: cli.NewRobot) -> int:
@@ -212,20 +174,17 @@ def check_new_folder(folder: Path) -> None:
     Raises:
         RobotError: It is a file, not empty, or its parent cannot be written to.
     """
+    expected = "a new folder, or an empty one"
     try:
-        if folder.is_dir():
-            if any(folder.iterdir()):
-                raise RobotError(
-                    f"--out {folder}", "is not empty", expected="a new folder, or an empty one"
-                )
-        elif folder.exists():
-            raise RobotError(f"--out {folder}", "is a file", expected="a new folder")
-        else:
+        if not folder.is_dir():
             # Made and removed again: a fit of minutes must not end with a folder that cannot be.
             folder.mkdir(parents=True)
             folder.rmdir()
+        elif any(folder.iterdir()):
+            raise RobotError(f"--out {folder}", "is not empty", expected=expected)
     except OSError as error:
-        raise RobotError(f"--out {folder}", f"cannot be made: {error.strerror}") from error
+        problem = f"cannot be made: {error.strerror}"
+        raise RobotError(f"--out {folder}", problem, expected=expected) from error
 
 
 def ask_on_terminal(text: str) -> str:
@@ -266,7 +225,7 @@ def describe(
         given: Sequence[str] | None = None,
         of: Sequence[str] = joints,
     ) -> dict[str, Figure[Any]]:
-        question = Question(f"--{name.replace('_', '-')}", *QUESTIONS[name], known, usual)
+        question = Question(f"--{name.replace('_', '-')}", KINDS[name], known, usual)
         return asker.answer(question, of, getattr(wishes, name) if given is None else given)
 
     figures: dict[str, dict[str, Figure[Any]]] = {}
@@ -442,9 +401,7 @@ def _check_planning(file: Path | None, planning: PlanningLimits, urdf: UrdfModel
     for joint in planning.joints:
         if joint not in names:
             raise RobotError(
-                f"--joint-limits {file}",
-                f"names joint {joint!r}, which is not in the model file",
-                expected=f"joints among {', '.join(names)}",
+                f"--joint-limits {file}", f"names joint {joint!r}", expected=f"among {names}"
             )
 
 
@@ -495,22 +452,16 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
     Raises:
         RobotError: Something cannot be written; what was is removed.
     """
-    written: list[Path] = []
-
-    def put(name: str, write: Callable[[Path], object]) -> None:
-        written.append(folder / name)
-        write(folder / name)
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if urdf is not None:
-            put(URDF, lambda path: path.write_text(urdf, encoding="utf-8"))
-        put(COVER, cover.save)
-        put(DESCRIPTION, lambda path: path.write_text(text, encoding="utf-8"))
+            (folder / URDF).write_text(urdf, encoding="utf-8")
+        cover.save(folder / COVER)
+        (folder / DESCRIPTION).write_text(text, encoding="utf-8")
     except OSError as error:
-        for path in written:
+        for name in (URDF, COVER, DESCRIPTION):
             with contextlib.suppress(OSError):
-                path.unlink()
+                (folder / name).unlink()
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
 
 

@@ -51,17 +51,12 @@ def test_a_recording_shows_the_arm_as_it_is(recorded):
 
 
 def test_the_command_writes_lines_that_the_parsers_take(recorded, tmp_path, capsys):
-    pytest.importorskip("matplotlib")
     path, _, arm = recorded
     assert main(["commission", str(path), "--out", str(tmp_path / "found")]) == 0
     out = capsys.readouterr().out
     assert "not found: panda_joint5, brakes" in out
     assert "in 2 stops" in out
-    files = {one.name for one in (tmp_path / "found").iterdir()}
-    assert files == {CELL_FILE, ROBOT_FILE, "stops.png", "stopping.png", "velocities.png"}
-    for name in files:
-        if name.endswith(".png"):
-            assert (tmp_path / "found" / name).read_bytes()[:4] == b"\x89PNG"
+    assert {one.name for one in (tmp_path / "found").iterdir()} == {CELL_FILE, ROBOT_FILE}
     cell = Cell.from_text(ROBOT + (tmp_path / "found" / CELL_FILE).read_text())
     _, _, monitor = cell.build()
     settings = monitor.settings

@@ -362,7 +362,7 @@ def test_a_folder_that_has_something_in_it_is_left_alone(tmp_path, capsys):
     assert [path.name for path in taken.iterdir()] == ["file"]
     code, _, err = run([two_links(tmp_path), "--yes", "--out", taken / "file"], capsys)
     assert code == 2
-    assert "is a file" in err
+    assert "cannot be made: File exists" in err
 
 
 def test_an_mjcf_becomes_a_robot_and_its_missing_velocities_are_named(tmp_path):
