@@ -30,7 +30,7 @@ from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.listening import LineLog, VerdictLog
 from armguard.lab.faults.scene import CELL, ROBOT
-from armguard.lab.simulation.processes import start_monitor
+from armguard.lab.simulation.processes import start_device, start_monitor
 from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher
 from armguard.view.process import ViewProcess, launch
@@ -190,7 +190,7 @@ class FaultyCell:
             "driver": nodes.Driver(joints=self._address("joints"), truth=str(self.truth)),
             "camera": nodes.Camera(obstacles=self._address("obstacles"), start=self.start),
         }
-        self._processes[name] = nodes.start(made[name], self._log)
+        self._processes[name] = start_device(made[name], self._log, takes_orders=True)
 
     def _start_view(self) -> None:
         self._view = launch(self._address("view"))

@@ -12,7 +12,6 @@ from typing import Any
 from armguard.lab.pages import Column, fit_exponent, write_table
 from armguard.lab.paper.measure import (
     DAA,
-    DISTANCE,
     FULL,
     STOP_TIME,
     Row,
@@ -125,11 +124,6 @@ def summarise(rows: Sequence[Row], interrupted: bool) -> list[str]:
                 "sizes, L being the number of buckets of 1, 2, 4 … places: the paper's "
                 "O(log N log log N)."
             )
-    for period in dict.fromkeys(row.period for row in rows):
-        for name in (DAA[0][0], DAA[1][0], DISTANCE):
-            some = [row for row in rows if row.schedule == name and row.period == period]
-            if some:
-                lines.append(_tell_agreement(period, name, some))
     unwatched = sum(row.unwatched for row in rows)
     alarms = sum(row.alarms for row in rows if row.schedule == FULL)
     lines.append(
@@ -137,16 +131,6 @@ def summarise(rows: Sequence[Row], interrupted: bool) -> list[str]:
         + (" A pair came near unwatched: please report it." if unwatched else "")
     )
     return lines
-
-
-def _tell_agreement(period: float, name: str, rows: Sequence[Row]) -> str:
-    parts = [
-        f"{row.agreement:.1%}" + (f" (flagged {row.flagged:.1%})" if row.flagged else "")
-        + f" at {row.pairs:,}"
-        for row in rows
-    ]  # fmt: skip
-    text = f"Every {1e3 * period:g} ms, {name} names the most imminent pair in "
-    return f"{text}{', '.join(parts)} pairs."
 
 
 def write_body(rows: Sequence[Row]) -> list[str]:

@@ -9,6 +9,7 @@ import pytest
 from armguard.lab.faults import nodes
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.scene import make_trajectory, sample_people, visit_period
+from armguard.lab.simulation.processes import start_device
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage, decode
 from armguard.streams import SocketInput, VerdictPublisher
 from armguard.verdict import Level
@@ -25,7 +26,7 @@ def start(tmp_path):
     running = []
 
     def start_node(node):
-        running.append(nodes.start(node, log))
+        running.append(start_device(node, log, takes_orders=True))
         return running[-1]
 
     with (tmp_path / "log").open("wb") as log:

@@ -61,14 +61,15 @@ def test_a_device_runs_in_a_process_that_ends_as_it_is_told(tmp_path, monkeypatc
         )
     )
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Lamp, "__module__", "lamps")
     with (tmp_path / "log").open("wb") as log:
-        process = start_device("lamps", Lamp("red", 1.0), log, takes_orders=True)
+        process = start_device(Lamp("red", 1.0), log, takes_orders=True)
         assert process.stdin is not None
         process.communicate(b"on\n")
         assert process.returncode == 0
-        silent = start_device("lamps", Lamp("green", 1.0), log)
+        silent = start_device(Lamp("green", 1.0), log)
         assert silent.wait() == 0, "it has no standard input to read"
-        ended = start_device("lamps", Lamp("blue", 1.0), log, takes_orders=True)
+        ended = start_device(Lamp("blue", 1.0), log, takes_orders=True)
         ended.stdin.write(b"on\n")
         ended.stdin.flush()
         wait_until(lambda: b"blue" in (tmp_path / "log").read_bytes())
