@@ -1,14 +1,13 @@
 import numpy as np
 
-from armguard.lab.tradeoff.ladder import AUTO
-from armguard.lab.trial import SECONDS, list_ticks, make_setting, make_visit
+from armguard.lab.trial import SECONDS, list_ticks, make_visit
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import OperatingLimits
 from armguard.verdict import Level
 from support.panda_monitor import ranged_panda
 from support.tradeoff_cases import make_site, small_scene
-from support.trials import lead, make_auto, make_trial
+from support.trials import lead
 
 RATE = 100.0
 
@@ -30,14 +29,6 @@ def test_a_visit_shows_all_levels_but_a_long_stop():
     # An arm that broke its operating limits would stand for that alone.
     assert all(one.complete for one in verdicts)
     assert not any("operating" in str(reason) for one in verdicts for reason in one.reasons)
-
-
-def test_the_same_seed_makes_the_same_visit_and_another_one_another():
-    told = [
-        [(message.stamp, message.position.tobytes()) for message in make_visit(*given).messages]
-        for given in ((make_site(),), (make_site(),), (make_site(), 5))
-    ]
-    assert told[0] == told[1] != told[2]
 
 
 def test_nobody_comes_where_nothing_is_heard():
@@ -64,11 +55,3 @@ def test_a_scene_is_told_message_by_message():
             for each, row in zip((table, monitor.obstacles), rows, strict=True)
         ]
         np.testing.assert_array_equal(*places)
-
-
-def test_what_was_chosen_is_a_setting_like_others():
-    choice = make_auto(make_trial()[:60]).choice
-    setting = make_setting(choice)
-    assert (setting.name, setting.axis) == (AUTO, AUTO)
-    assert setting.monitor({"rate": RATE}) == {"rate": RATE, **choice.settings}
-    assert setting.rungs[0].level == choice.level

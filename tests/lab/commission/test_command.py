@@ -112,13 +112,6 @@ def test_the_timeout_that_is_proposed_stops_no_arm_that_was_not_stopped(
     assert begun == ([5, 5] if uncovered else [0, 0])
 
 
-def test_without_a_folder_lines_are_printed(recorded, capsys):
-    assert main(["commission", str(recorded[0])]) == 0
-    out = capsys.readouterr().out
-    assert "[[brakes]]" in out
-    assert "[robot.operating]" in out
-
-
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -135,9 +128,3 @@ def test_a_file_that_is_none_is_one_line_and_exit_code_2(recorded, tmp_path, spo
     out, err = capsys.readouterr()
     assert out == ""
     assert re.fullmatch(rf"armguard: [^\n]*bad\.mcap[^\n]*({words})[^\n]*\n", err)
-
-
-def test_a_folder_that_cannot_be_written_is_a_mistake(recorded, tmp_path, capsys):
-    (tmp_path / "taken").write_text("")
-    assert main(["commission", str(recorded[0]), "--out", str(tmp_path / "taken")]) == 2
-    assert re.fullmatch(r"armguard: [^\n]*taken[^\n]*\n", capsys.readouterr().err)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from armguard.lab.extremes.adversary import STEP, Adversary, Body
-from armguard.lab.tradeoff.truth import measure
 from armguard.obstacles import Obstacles
 from support.panda_monitor import HOME, STILL, make_monitor, ranged_panda
 
@@ -53,18 +52,6 @@ def test_a_body_that_hunts_alone_takes_as_long_as_its_bounds_say():
     assert len(corners)
 
 
-def test_each_link_hunts_with_the_corner_that_is_nearest_at_the_start():
-    q, v = HOME + 0.2, STILL + 0.3
-    hunter = body([-1.0, 0.4, 0.6], (0.2, -0.4, 0.1))
-    alone = []
-    for link in range(len(ranged_panda().links)):
-        adversary = make()
-        adversary._arm.place(q)
-        corner = int(measure(adversary._arm.corners(link), hunter.ends).argmin())
-        alone.append(adversary._hunt(q, v, hunter, link, corner, 1.0))
-    assert make().find_contact(q, v, hunter) == min(alone) < math.inf
-
-
 def test_a_contact_at_once_is_at_once():
     adversary = make()
     adversary._arm.place(HOME)
@@ -72,13 +59,3 @@ def test_a_contact_at_once_is_at_once():
     assert adversary.find_contact(HOME, STILL, body(corner)) == 0.0
     segment = corner + np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]])
     assert adversary.find_contact(HOME, STILL, body(segment)) == 0.0
-
-
-def test_joints_stay_within_what_they_keep_to():
-    """An arm at its limit, that is asked to go on, does not."""
-    robot = ranged_panda()
-    adversary = make()
-    q = robot.upper_position_limit.copy()
-    place = np.array([1.6, 0.4, 0.5])
-    still = adversary.find_contact(q, STILL, body(place, accel=0.0, speed=0.0))
-    assert still == math.inf or still > 0.0

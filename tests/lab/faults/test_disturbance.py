@@ -2,7 +2,6 @@ import math
 import random
 import time
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -92,15 +91,6 @@ def test_names_places_frames_and_lengths_are_wrong():
     assert change(IMAGE, make("teleport", value="1"), 0) == IMAGE
     there = np.frombuffer(change(IMAGE, make("teleport", value="1"), 1).position)
     assert there.tolist() == [1.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-
-
-def test_a_disturbance_is_read_from_the_line_that_it_is_sent_as():
-    disturbance = make("set", field="q", value="nan")
-    line = msgspec.json.encode(disturbance)
-    assert math.isnan(msgspec.json.decode(line, type=Disturbance).amount)
-    assert [disturbance.is_active(now) for now in (98.9, 99.0, 100.9, 101.0)] == [
-        False, True, True, False,
-    ]  # fmt: skip
 
 
 @pytest.fixture

@@ -50,15 +50,6 @@ def test_no_contact_is_missed_between_measurements(witness, pace):
     assert witness.follow(times, q, v, walk_past, only_first=True).contacts == 1
 
 
-def test_each_contact_counts_once(witness):
-    times, q, v = make_steps(2000)
-
-    def come_twice(time):
-        return stand_at(0.4 if 0.2 < time < 0.4 or 1.2 < time < 1.4 else 1.4)
-
-    assert witness.follow(times, q, v, come_twice).contacts == 2
-
-
 def test_who_touches_an_arm_at_rest_is_not_hit(witness):
     times, q, _ = make_steps(1000)
     found = witness.follow(times, q, np.zeros_like(q), lambda time: stand_at(0.4))

@@ -37,14 +37,6 @@ def facts(folder, watched=("rise", "turn", "grip"), **changes):
     return found
 
 
-def test_what_a_urdf_says_is_taken(tmp_path):
-    found = facts(tmp_path)
-    assert (found.turning, found.continuous) == (["turn", "grip"], ["turn"])
-    assert found.positions["rise"] == ((-1.0, 2.0), "arm.urdf")
-    assert set(found.positions) == {"rise", "grip"}
-    assert found.velocities["turn"] == (1.0, "arm.urdf")
-
-
 def test_what_it_lacks_is_usual_for_what_turns_and_what_slides(tmp_path):
     found = facts(tmp_path, limit="")
     assert (found.positions, found.velocities) == ({}, {})

@@ -35,12 +35,6 @@ def test_a_mistake_is_one_line(tmp_path, capsys):
     assert capsys.readouterr() == ("", "armguard: --seed: is -1; expected 0 or more\n")
 
 
-def test_an_output_folder_that_is_a_file_is_a_mistake(tmp_path, capsys):
-    (tmp_path / "out").touch()
-    assert run(tmp_path) == 2
-    assert "out: cannot be made (File exists); expected a folder" in capsys.readouterr().err
-
-
 def test_an_interrupt_keeps_what_was_measured(tmp_path, capsys, monkeypatch):
     measure = paper.measure_claims
 
@@ -53,16 +47,6 @@ def test_an_interrupt_keeps_what_was_measured(tmp_path, capsys, monkeypatch):
     assert "Interrupted: this is what was measured" in capsys.readouterr().out
     data = json.loads((tmp_path / "out" / "report.json").read_text())
     assert {row["pairs"] for row in data["rows"]} == {3}
-
-
-def test_an_interrupt_before_anything_says_so(tmp_path, capsys, monkeypatch):
-    def measure(*arguments):
-        raise KeyboardInterrupt
-        yield
-
-    monkeypatch.setattr(paper, "measure_claims", measure)
-    assert run(tmp_path) == 130
-    assert "interrupted before there was anything" in capsys.readouterr().err
 
 
 def test_a_pair_that_came_near_unwatched_is_an_exit_code(tmp_path, capsys, monkeypatch):

@@ -1,41 +1,14 @@
-import signal
-import sys
 import textwrap
 
 import msgspec
 
-from armguard.lab.simulation.processes import run_device, start_device
+from armguard.lab.simulation.processes import start_device
 from support.waiting import wait_until
 
-runs, parents = [], []
 
-
-class Device(msgspec.Struct):
+class Lamp(msgspec.Struct, tag=True):
     name: str
-
-    def run(self):
-        runs.append(self)
-
-
-class Lamp(Device, tag=True):
     brightness: float
-
-
-class Horn(Device, tag=True):
-    pass
-
-
-def test_a_device_is_run_as_it_was_described(monkeypatch):
-    before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr("armguard.lab.simulation.processes.end_with", parents.append)
-    try:
-        for device in (Lamp('"ü" {1}', 0.1), Horn("")):
-            line = ["-m", msgspec.json.encode(device).decode(), "7"]
-            monkeypatch.setattr(sys, "argv", line)
-            run_device(Lamp | Horn)
-            assert (runs.pop(), parents.pop()) == (device, 7)
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def test_a_device_runs_in_a_process_that_ends_as_it_is_told(tmp_path, monkeypatch):

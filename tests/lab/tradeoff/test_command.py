@@ -4,7 +4,6 @@ import re
 import pytest
 
 from armguard.app.cli import main
-from armguard.lab.tradeoff.covers import Covers
 
 CELL = '[robot]\nname = "panda"\n[sources.eye]\n[sources.ear]\n[monitor]\nrate = 100.0\n'
 
@@ -37,32 +36,14 @@ def test_mistakes_are_one_line(words, pattern, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("text", "pattern"),
-    [
-        (CELL + "colour = 3\n", "monitor.colour: is no key"),
-        (CELL.replace("100.0", "33.0"), "monitor.rate: is 33; expected a multiple of 10 Hz"),
-    ],
-)
-def test_mistakes_in_a_cell_are_one_line_too(text, pattern, tmp_path, capsys):
-    (tmp_path / "cell.toml").write_text(text)
-    assert run(tmp_path, str(tmp_path / "cell.toml")) == 2
-    _, err = capsys.readouterr()
-    assert pattern in err
-    assert err.count("\n") == 1
-
-
-def test_an_output_folder_that_is_a_file_is_a_mistake(tmp_path, capsys):
-    (tmp_path / "out").touch()
-    assert run(tmp_path) == 2
-    assert "out: cannot be made (File exists); expected a folder" in capsys.readouterr().err
-    assert main(["tradeoff", "--out", str(tmp_path / "out" / "in")]) == 2
-
-
-def test_a_robot_beside_a_cell_is_a_mistake(tmp_path, capsys):
-    (tmp_path / "cell.toml").write_text(CELL)
-    assert run(tmp_path, str(tmp_path / "cell.toml"), "--robot", "panda") == 2
+def test_a_cell_that_does_not_go_with_a_study_is_a_mistake(tmp_path, capsys):
+    cell = tmp_path / "cell.toml"
+    cell.write_text(CELL)
+    assert run(tmp_path, str(cell), "--robot", "panda") == 2
     assert "beside a cell file" in capsys.readouterr().err
+    cell.write_text(CELL.replace("100.0", "33.0"))
+    assert run(tmp_path, str(cell)) == 2
+    assert "monitor.rate: is 33; expected a multiple of 10 Hz" in capsys.readouterr().err
 
 
 def test_a_cell_is_a_scene(tmp_path, capsys):
@@ -92,16 +73,6 @@ def test_an_interrupt_writes_what_there_is(tmp_path, capsys, monkeypatch):
     assert "Interrupted in the part “what really happened”" in capsys.readouterr().out
     page = (tmp_path / "out" / "README.md").read_text()
     assert "Interrupted in the part" in page
-
-
-def test_an_interrupt_before_anything_says_so(tmp_path, capsys, monkeypatch):
-    def choose(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Covers, "choose", choose)
-    assert run(tmp_path, "--axis", "max_staleness") == 130
-    assert "interrupted before there was anything to show" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "report.json").exists()
 
 
 def test_balls_that_touch_the_arm_are_told_of(tmp_path, capsys):

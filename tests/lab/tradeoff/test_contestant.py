@@ -3,7 +3,7 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from armguard.lab.tradeoff.contestant import Contestant
-from armguard.lab.tradeoff.ladder import AXES, DEFAULT, Rung, Setting
+from armguard.lab.tradeoff.ladder import AXES, Rung, Setting
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from support.panda_monitor import ranged_panda
@@ -49,21 +49,6 @@ def test_turns_make_no_difference():
 def test_what_cannot_be_made_says_why():
     with pytest.raises(ArmguardError, match="budget"):
         make(Rung("schedule", "full", {"schedule": "full"}), budget=5)
-
-
-def test_a_track_ends_where_it_is_told():
-    one = make(SLOWER)
-    one.run(0.6)
-    track = one.track
-    assert len(track.until(0.3).time) == 59  # the first tick is not among them
-    assert track.until(0.3).time[-1] < 0.3 - 1e-9
-
-
-def test_the_usual_setting_is_the_librarys():
-    site = make_site()
-    one = Contestant(Setting(DEFAULT), site, small_scene(), site.robot.cover)
-    assert one.monitor.settings.rate == one.rate == 1000.0
-    assert one.response == pytest.approx(0.001 + 0.002 + 0.02)
 
 
 def test_the_papers_schedule_is_made_for_the_rate_of_its_setting():

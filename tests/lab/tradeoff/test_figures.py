@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 
 from armguard.lab.tradeoff.figures import (
@@ -42,13 +41,6 @@ def test_ticks_of_another_rate_are_compared_where_they_meet():
     found = figures(slow)
     assert found.same_level == 1.0
     assert found.tight_finest == 0.5
-
-
-def test_ticks_in_which_nothing_can_be_compared_are_left_out():
-    contact_time = np.array([1.0, math.inf, 0.0, 2.0, 1.0, 1.0, 1.0, 1.0])
-    finest = make_track(LEVELS, contact_time=contact_time)
-    found = figures(make_track(LEVELS, contact_time=0.5 * contact_time), finest)
-    assert (found.tight_finest, found.tight_finest_p5) == (0.5, 0.5)
 
 
 def test_lateness_is_from_the_finest_stop_until_this_one():

@@ -32,14 +32,6 @@ def test_a_user_can_choose_by_the_summary_alone():
     assert "Nothing here is both cheaper and no more cautious." in text
 
 
-def test_the_summary_tells_which_levels_there_are_to_be_told_apart():
-    finest = make_figures(stop=0.25, slow=0.25, aware=0.125)
-    outcomes = [*make_study().outcomes]
-    outcomes[1] = outcomes[1]._replace(figures=finest)
-    told = "\n".join(summarise(make_study(outcomes=outcomes)))
-    assert "finest setting judges it: STOP 25.0%, SLOW 25.0%, AWARE 12.5%, CLEAR 37.5%." in told
-
-
 def test_a_setting_that_slows_down_more_is_no_better():
     study = make_study()
     for slow, told in ((1.0, "no more cautious here: budget 16."), (1.2, "Nothing here is both")):

@@ -1,6 +1,5 @@
 import pytest
 
-from armguard.exceptions import ArmguardError
 from armguard.lab.tradeoff import study as study_module
 from armguard.lab.tradeoff.command import _make_site
 from armguard.lab.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, Setting
@@ -68,24 +67,11 @@ def test_a_cover_that_a_cell_states_is_not_chosen(keeps_cover, tmp_path, monkeyp
     assert given == [keeps_cover]
 
 
-def test_a_site_that_leaves_no_choice_is_told():
-    outcomes = []
-    site = make_site(rate=100.0, schedule="full")
-    assert _choose(site, small_scene(0.4), outcomes) is None
-    assert [(one.setting.name, one.figures) for one in outcomes] == [(AUTO, None)]
-    assert "schedule: is 'full'" in outcomes[0].refused
-
-
 def test_what_does_not_go_together_is_told_and_left_out():
     found = study(axes=("schedule",), budget=50)
     refused = {one.setting.name: one.refused for one in found.outcomes if one.figures is None}
     assert set(refused) == {"schedule full", "schedule daa, powers", "schedule daa, fibonacci"}
     assert all("budget" in reason for reason in refused.values())
-
-
-def test_a_default_that_cannot_be_made_is_an_error():
-    with pytest.raises(ArmguardError, match="latency"):
-        study(latency=-1.0)
 
 
 def test_an_interrupt_keeps_what_all_have_seen():

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from armguard.lab.tradeoff.figures import count_missed
 from armguard.lab.tradeoff.scene import make_scene
@@ -53,14 +52,3 @@ def test_a_control_that_never_says_stop_misses_every_contact():
     assert count_missed(silent, contacts, 0.023) == len(contacts) >= 3
     stopped = make_track([Level.STOP] * 600, contact_time=0.0)
     assert count_missed(stopped, contacts, 0.023) == 0
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_equal_seeds_give_equal_balls(seed):
-    site = make_site()
-    places = []
-    for _ in range(2):
-        scene, _ = make_scene(site, None, 1, 1.0, 0)
-        add_touching(scene, site, 2, seed)
-        places.append([message.position.tolist() for message in scene.messages])
-    assert places[0] == places[1]
