@@ -8,13 +8,9 @@ from pathlib import Path
 from rich.table import Table
 
 from armguard.app.terminal import make_console, make_table, print_json
-from armguard.lab.commission import (
-    Findings,
-    commission,
-    observe,
-    write_cell_lines,
-    write_robot_lines,
-)
+from armguard.lab.commission.findings import Findings, commission
+from armguard.lab.commission.lines import write_cell_lines, write_robot_lines
+from armguard.lab.commission.observations import observe
 from armguard.lab.pages import UNKNOWN, make_folder, write_files
 from armguard.recording.reading import Recording
 

@@ -20,24 +20,16 @@ import numpy as np
 from armguard.messages.incoming import AnyMessage, JointsMessage, ObstaclesMessage, encode
 from armguard.streams.nodes import Publisher
 
-Kind = Literal[
-    "set",
-    "drop",
-    "late",
-    "delay",
-    "swap",
-    "repeat",
-    "clock",
-    "drift",
-    "teleport",
-    "exchange",
-    "frame",
-    "shorten",
-    "static",
-    "crowd",
-    "flood",
-]
+Sending = Literal["drop", "late", "delay", "swap", "repeat"]
+"""What happens to when a message is sent, and how often."""
 
+Content = Literal["set", "clock", "drift", "frame", "shorten", "exchange", "teleport"]
+"""What happens to what it says."""
+
+Addition = Literal["static", "crowd", "flood"]
+"""What a camera sends besides."""
+
+Kind = Literal[Sending, Content, Addition]
 
 _FLOOD_SHARE = 100
 """Messages between two looks at the clock in a flood."""

@@ -1,12 +1,10 @@
 """The ladder: what can be chosen, axis by axis, and the settings that a study runs.
 
-Not the whole product: one axis at a time around the default, then combinations of the rungs that
-were cheaper than the default and no more cautious.
+Not the whole product: one axis at a time around the default.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -24,9 +22,6 @@ AUTO = "auto"
 
 OPERATING = "operating"
 """Name of an axis of premises rather than of choices: what the controller is said to keep to."""
-
-MOST_COMBINED = 8
-"""Settings that are combined at most."""
 
 
 class Rung(NamedTuple):
@@ -177,20 +172,3 @@ def takes_long(rung: Rung, cover: Cover) -> bool:
     """Whether to fit what a rung asks for would take many minutes, for an arm with such a cover."""
     is_finer = rung.protrusion is not None and rung.protrusion < DEFAULT_PROTRUSION
     return is_finer and sum(len(cover.spheres(link)) for link in cover.links) > MOST_REFINED
-
-
-def combine(rungs: Iterable[Rung]) -> list[Setting]:
-    """Settings that take several rungs at once, the best of each axis first.
-
-    Args:
-        rungs: At most one of each axis, the most rewarding first.
-    """
-    listed = list(rungs)
-    settings = []
-    for size in range(len(listed), 1, -1):
-        for some in itertools.combinations(listed, size):
-            keys = [key for rung in some for key in rung.monitor]
-            # Of two rungs that set the same thing, one would not be what the name says.
-            if len(set(keys)) == len(keys):
-                settings.append(Setting(" + ".join(map(str, some)), some))
-    return settings[:MOST_COMBINED]

@@ -12,7 +12,7 @@ from armguard.lab.choice import SAME_LEVEL
 from armguard.lab.pages import Column
 from armguard.lab.tradeoff.figures import Figures
 from armguard.lab.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, OPERATING
-from armguard.lab.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
+from armguard.lab.tradeoff.study import CLOSE, Study
 
 COLUMNS = (
     Column("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
@@ -29,6 +29,9 @@ COLUMNS = (
     Column("missed", "missed", "{:.0f}"),
 )
 """Of the table for people."""
+
+CHEAPER = 0.95
+"""Of a price, what is cheaper by more than the measurement scatters."""
 
 LEGEND = (
     "Times are processor time of one thread; ticks come at the default's rate unless the setting "
@@ -180,18 +183,12 @@ def _tell_contacts(study: Study) -> str:
 def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
     """The table for people: heads and rows, by axis; * marks settings on the front."""
     heads = ["setting", *(column.head for column in COLUMNS)]
-    order = {name: place for place, name in enumerate(["", *AXES, AUTO])}
+    order = ["", *AXES, AUTO]
     rows = []
-    for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
+    for one in sorted(study.outcomes, key=lambda one: order.index(one.setting.axis)):
         name = f"{one.setting.name}{' *' if one.setting.name in study.front else ''}"
         if one.figures is None:
             rows.append([name, f"refused: {one.refused}", *[""] * (len(COLUMNS) - 1)])
-            continue
-        rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
+        else:
+            rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
     return heads, rows
-
-
-def _place(outcome: Outcome, order: Mapping[str, int]) -> tuple[int, int]:
-    setting = outcome.setting
-    is_combined = not setting.axis and setting.name not in (DEFAULT, FINEST)
-    return int(is_combined), order.get(setting.axis, 0)

@@ -1,4 +1,4 @@
-"""A study: all settings through one scene, in turns, then combinations of what was cheap.
+"""A study: all settings through one scene, in turns.
 
 Turns are short, so that whatever else the machine does falls on all settings alike, and so that a
 study which is ended early has seen the same part of the scene with each of them.
@@ -11,8 +11,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from armguard.exceptions import ArmguardError
 from armguard.lab.choice import choose_settings
 from armguard.lab.study_facts import Tell
@@ -23,9 +21,7 @@ from armguard.lab.tradeoff.ladder import (
     AUTO,
     DEFAULT,
     FINEST,
-    Rung,
     Setting,
-    combine,
     list_settings,
 )
 from armguard.lab.tradeoff.scene import Scene, Site
@@ -39,9 +35,6 @@ TURN = 0.1
 
 CLOSE = 0.01
 """Shares of STOP that differ by no more count as the same."""
-
-CHEAPER = 0.95
-"""Of a price, what is cheaper by more than the measurement scatters."""
 
 
 class Outcome(NamedTuple):
@@ -110,22 +103,18 @@ def run_study(
         settings.append(make_setting(choice))
     covers = Covers(site.robot)
 
-    def run(some: Sequence[Setting], part: str) -> tuple[list[Contestant], str]:
-        """Let settings go through the scene; the part in which that was ended, if it was."""
-        made: list[Contestant] = []
-        try:
-            for number, setting in enumerate(some):
-                tell(f"making {setting.name}", number / len(some))
-                try:
-                    made.append(Contestant(setting, site, scene, covers.choose(setting)))
-                except ArmguardError as error:
-                    _refuse(setting, str(error), outcomes)
-            _take_turns(made, scene, part, tell)
-        except KeyboardInterrupt:
-            return made, part
-        return made, ""
-
-    contestants, interrupted = run(settings, "axes")
+    contestants: list[Contestant] = []
+    interrupted = ""
+    try:
+        for number, setting in enumerate(settings):
+            tell(f"making {setting.name}", number / len(settings))
+            try:
+                contestants.append(Contestant(setting, site, scene, covers.choose(setting)))
+            except ArmguardError as error:
+                _refuse(setting, str(error), outcomes)
+        _take_turns(contestants, scene, tell)
+    except KeyboardInterrupt:
+        interrupted = "axes"
     seconds = min((one.begun for one in contestants), default=0.0)
     if seconds <= 0.0:
         raise KeyboardInterrupt
@@ -154,10 +143,6 @@ def run_study(
     except KeyboardInterrupt:
         interrupted = interrupted or "what really happened"
     outcomes += map(judge, contestants)
-    if not interrupted:
-        combined, interrupted = run(combine(_choose_rungs(outcomes)), "combinations")
-        # Of settings that took turns and were ended early, none saw the whole scene.
-        outcomes += [judge(one) for one in combined if one.begun >= seconds]
     counted = [
         (one.setting.name, one.figures)
         for one in outcomes
@@ -174,7 +159,7 @@ def run_study(
     )
 
 
-def _take_turns(contestants: Sequence[Contestant], scene: Scene, part: str, tell: Tell) -> None:
+def _take_turns(contestants: Sequence[Contestant], scene: Scene, tell: Tell) -> None:
     turns = max(1, round(scene.seconds / TURN))
     try:
         for turn in range(turns):
@@ -184,7 +169,7 @@ def _take_turns(contestants: Sequence[Contestant], scene: Scene, part: str, tell
             for number, one in enumerate(contestants):
                 one.run(until)
                 share = (turn + number / len(contestants)) / turns
-                tell(f"{part}: {one.setting.name}", share)
+                tell(one.setting.name, share)
     finally:
         gc.enable()
 
@@ -209,17 +194,3 @@ def _refuse(setting: Setting, reason: str, outcomes: list[Outcome]) -> None:
     if setting.name in (DEFAULT, FINEST):
         raise ArmguardError(f"setting {setting.name!r}", f"cannot be made: {reason}")
     outcomes.append(Outcome(setting, None, reason))
-
-
-def _choose_rungs(outcomes: Sequence[Outcome]) -> list[Rung]:
-    """Of each axis the cheapest rung that is no more cautious than the default, and cheaper."""
-    usual = next(one.figures for one in outcomes if one.setting.name == DEFAULT)
-    best: dict[str, tuple[float, Rung]] = {}
-    for one in outcomes:
-        figures, axis = one.figures, one.setting.axis
-        if axis in ("", AUTO) or figures is None or usual is None or not one.is_sound:
-            continue
-        is_better = figures.core < CHEAPER * usual.core and figures.stop <= usual.stop + CLOSE
-        if is_better and one.setting.is_choice and figures.core < best.get(axis, (np.inf,))[0]:
-            best[axis] = figures.core, one.setting.rungs[0]
-    return [rung for _, rung in sorted(best.values(), key=lambda pair: pair[0])]

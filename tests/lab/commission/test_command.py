@@ -9,8 +9,9 @@ import pytest
 from armguard import Monitor, Obstacles, Recorder, Robot
 from armguard.app.cell import Cell
 from armguard.app.cli import main
-from armguard.lab.commission import commission, observe
 from armguard.lab.commission.command import CELL_FILE, ROBOT_FILE
+from armguard.lab.commission.findings import commission
+from armguard.lab.commission.observations import observe
 from armguard.recording import Recording
 from armguard.recording.replay import Replay
 from armguard.robot.description import read_description

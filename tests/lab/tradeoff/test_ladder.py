@@ -6,11 +6,8 @@ from armguard.lab.tradeoff.ladder import (
     AXES,
     DEFAULT,
     FINEST,
-    MOST_COMBINED,
     OPERATING,
-    Rung,
     check_axes,
-    combine,
     list_settings,
 )
 from armguard.robot import Robot
@@ -64,20 +61,3 @@ def test_operating_limits_are_stated_where_none_are_and_left_out_where_some_are(
 def test_the_finest_has_no_budget():
     _, finest, *_ = list_settings([], ranged_panda().cover, {"budget": 5})
     assert finest.monitor({"budget": 5}) == {"budget": None, "schedule": "full"}
-
-
-def test_combinations_take_most_rungs_first_and_are_few():
-    rungs = [AXES[axis][0] for axis in ("cover", "motion", "max_staleness", "rate", "budget")]
-    some = combine(rungs)
-    assert len(some) == MOST_COMBINED
-    assert some[0].rungs == tuple(rungs)
-    assert all(len(one.rungs) > 1 and not one.axis for one in some)
-    assert combine(rungs[:1]) == combine([]) == []
-
-
-def test_rungs_that_set_the_same_thing_are_not_combined():
-    one = Rung("motion", "distance", {"schedule": "distance"})
-    other = Rung("schedule", "daa, powers", {"schedule": ("daa", "powers")})
-    third = Rung("rate", "100 Hz", {"rate": 100.0})
-    combined = [setting.name for setting in combine([one, other, third])]
-    assert combined == ["motion distance + rate 100 Hz", "schedule daa, powers + rate 100 Hz"]
