@@ -27,6 +27,7 @@ from armguard.cover.interchange import (
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
 from armguard.jit.progress import following
+from armguard.lab.pages import make_folder
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -113,9 +114,9 @@ def run(wishes: cli.Cover) -> int:
         raise CoverError(asked[0], "fits nothing", remedy="leave out --spheres and --protrusion")
     if inflate and file is None:
         raise CoverError("--inflate", "needs spheres", expected="--import FILE")
-    if out is not None and not (inflate or not asked):
+    if out is not None and asked and not inflate:
         raise CoverError("--out", "has nothing to be written", remedy="leave it out")
-    if not asked and out is None:
+    if out is None and not asked:
         raise CoverError("--out", "is missing", expected="the folder to write cover.json into")
     target = Target(wishes.robot, wishes.limits, wishes.package_dirs)
     if wishes.check:
@@ -144,10 +145,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     robot = target.robot
     if isinstance(robot, UrdfLinks) and robot.bare:
         _print(f"drawn without collision geometry, NOT covered: {', '.join(robot.bare)}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
+    make_folder(folder)
     cover = fit_cover(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
@@ -239,7 +237,8 @@ def write(target: Target, file: Path) -> int:
 
 def list_known() -> int:
     """Show the robots that armguard knows, from their files alone; the exit code."""
-    table = Table("robot", "joints", "links", "spheres", "title", box=None, pad_edge=False)
+    heads = ("name", "joints", "links", "spheres", "title")
+    table = Table(*heads, box=None, pad_edge=False)
     robots = []
     for name in list_robots():
         description = read_description(find_robot(name) / DESCRIPTION)
@@ -249,12 +248,9 @@ def list_known() -> int:
             cover = Cover.load(path)
             links = len(cover.links)
             spheres = sum(len(cover.spheres(link)) for link in cover.links)
-        joints, title = len(description.joints), description.title
-        counted = ("no cover" if one is None else str(one) for one in (links, spheres))
-        table.add_row(name, str(joints), *counted, title)
-        robots.append(
-            {"name": name, "joints": joints, "links": links, "spheres": spheres, "title": title}
-        )
+        row = (name, len(description.joints), links, spheres, description.title)
+        table.add_row(*("no cover" if one is None else str(one) for one in row))
+        robots.append(dict(zip(heads, row, strict=True)))
     _print(table)
     print_json(lambda: {"robots": robots})
     return 0
@@ -272,8 +268,8 @@ def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
     """Write what is proved, and only that."""
     code = show_report(report)
     if code == 0:
+        make_folder(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             cover.save(folder / COVER)
         except OSError as error:
             raise CoverError(str(folder / COVER), f"cannot be written: {error.strerror}") from error
