@@ -7,6 +7,7 @@ enough, since only geometry matters here.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,7 @@ class Target:
         self.cover: Path | None = None
         self.is_known = is_known(name)
         self.folders: list[Path]
-        if Path(name).suffix != ".urdf" and not _is_file(name):
+        if Path(name).suffix != ".urdf" and not os.path.isfile(name):
             try:
                 directory = find_robot(name)
             except RobotError as error:
@@ -254,14 +255,6 @@ def list_known() -> int:
     _print(table)
     print_json(lambda: {"robots": robots})
     return 0
-
-
-def _is_file(name: str) -> bool:
-    """Whether there is a file of that name; none can be if the name is too long for one."""
-    try:
-        return Path(name).is_file()
-    except OSError:
-        return False
 
 
 def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:

@@ -1,4 +1,4 @@
-import numpy as np
+from types import SimpleNamespace
 
 from armguard.lab.trial import SECONDS, list_ticks, make_visit
 from armguard.monitor import Monitor
@@ -37,21 +37,13 @@ def test_nobody_comes_where_nothing_is_heard():
     assert make_visit(site_with_limits(lambda: Obstacles(sources=["eye"]))).messages
 
 
-def test_a_scene_is_told_message_by_message():
+def test_each_message_is_told_before_the_first_tick_that_it_is_in_time_for():
     scene = small_scene()
-    site = make_site(rate=RATE)
-    ticks = list_ticks(scene, RATE)
-    table, monitor = Obstacles(), Monitor(site.robot, site.make_obstacles(), rate=RATE)
-    lead(monitor, ticks)
-    for message in scene.messages:
-        if message.stamp <= ticks[-1].stamp:
-            table.update(*message)
-    ids = [one for one in table.ids if one]
-    assert [one for one in monitor.obstacles.ids if one] == ids
-    for one in ids:
-        rows = table.row(one), monitor.obstacles.row(one)
-        places = [
-            each.table.accepted.points[row]
-            for each, row in zip((table, monitor.obstacles), rows, strict=True)
-        ]
-        np.testing.assert_array_equal(*places)
+    ticks, told = list_ticks(scene, RATE), []
+    for tick in ticks:
+        table = SimpleNamespace(update=lambda *batch, now=tick.stamp: told.append((now, batch[1])))
+        if tick.tell is not None:
+            tick.tell(SimpleNamespace(obstacles=table))
+    stamps = [message.stamp for message in scene.messages if message.stamp <= ticks[-1].stamp]
+    assert [stamp for _, stamp in told] == stamps
+    assert all(0.0 <= now - stamp < 1.0 / RATE for now, stamp in told)

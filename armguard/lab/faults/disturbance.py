@@ -75,16 +75,15 @@ def disturb(
     is_second = number % 2 == 1
     if not isinstance(message, ObstaclesMessage | JointsMessage):
         return [(now, message)]
-    if kind == "drop":
-        return []
-    if kind == "late":
-        return [(now + amount, message)]
-    if kind == "delay":
-        return [(now + chance.uniform(0.0, amount), message)]
-    if kind == "swap":
-        return [(now if is_second else now + amount, message)]
-    if kind == "repeat":
-        return [(now, message)] * 2
+    sending = {
+        "drop": [],
+        "late": [amount],
+        "delay": [chance.uniform(0.0, amount)],
+        "swap": [0.0 if is_second else amount],
+        "repeat": [0.0, 0.0],
+    }
+    if kind in sending:
+        return [(now + delay, message) for delay in sending[kind]]
     replace = msgspec.structs.replace
     if kind == "clock":
         message = replace(message, stamp=message.stamp + amount)

@@ -114,21 +114,6 @@ def test_joints_that_mimic_are_anywhere_in_their_travel(tmp_path):
     assert set(Robot.load(tmp_path / "mine").links) == {"upper", "left", "right"}
 
 
-def test_a_joint_that_mimics_goes_where_its_leader_takes_it(tmp_path):
-    urdf = fingered(tmp_path)
-    text = urdf.read_text()
-    follows = '<mimic joint="left_finger" multiplier="-2" offset="-0.5"/>'
-    urdf.write_text(text.replace('<mimic joint="left_finger"/>', follows))
-    make(urdf, tmp_path / "mine")
-    said = read(tmp_path / "mine")
-    # -2 · [-1, 2] - 0.5 reaches below its own range, which ends at 2.
-    assert said["locked"]["right_finger"] == {"travel": [-4.5, 2.0]}
-    for wrong in ('multiplier="nan"', 'offset="much"'):
-        urdf.write_text(text.replace('<mimic joint="left_finger"/>', f'<mimic joint="x" {wrong}/>'))
-        with pytest.raises(RobotError, match=r"joint 'right_finger': has .* in its mimic element"):
-            make(urdf, tmp_path / "wrong")
-
-
 def test_links_that_are_only_drawn_are_covered_as_drawn(tmp_path):
     hand = f'<link name="hand"><visual><origin xyz="0 0 1"/>{BOX}</visual></link>'
     urdf = write_urdf(

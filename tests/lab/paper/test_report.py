@@ -4,7 +4,6 @@ import pytest
 
 from armguard.lab.paper.measure import Row
 from armguard.lab.paper.report import (
-    compare_with_claim,
     fit_exponents,
     summarise,
 )
@@ -34,13 +33,6 @@ def test_growth_is_fitted_from_a_hundred_pairs_on():
         math.log(14 / 8) / math.log(64), abs=1e-3
     )
     assert fit_exponents([make_row(28), make_row(8192)]) == {}
-
-
-def test_comparisons_are_held_against_the_claim():
-    least, most = compare_with_claim(make_rows(), "daa, powers")
-    assert least == pytest.approx(32.0 / 24.0)
-    assert most == pytest.approx(98.0 / (14 * math.log2(14)))
-    assert math.isnan(compare_with_claim([], "daa, powers")[0])
 
 
 def test_the_summary_tells_growth_agreement_and_the_unwatched():

@@ -229,14 +229,6 @@ def test_a_malformed_file_is_refused_with_file_line_and_value(tmp_path, change, 
     assert "\n" not in str(caught.value)
 
 
-def test_line_endings_of_windows_make_no_difference(tmp_path):
-    lines = make_lines(4)
-    plain = Recording(write(tmp_path, lines))
-    path = tmp_path / "windows.csv"
-    path.write_bytes("\r\n".join([*lines, "", ""]).encode())
-    assert np.array_equal(Recording(path).position, plain.position)
-
-
 def test_an_unreadable_file_is_refused_by_name(tmp_path):
     binary = tmp_path / "binary.csv"
     binary.write_bytes(b"\xff\xfe\x00\x01" * 50)
