@@ -1,9 +1,10 @@
 import math
 
 import numpy as np
+import pinocchio
 import pytest
 
-from armguard.lab.extremes.adversary import STEP, Adversary, Body
+from armguard.lab.extremes.adversary import HORIZON, STEP, Adversary, Body
 from armguard.obstacles import Obstacles
 from support.panda_monitor import HOME, STILL, make_monitor, ranged_panda
 
@@ -59,3 +60,22 @@ def test_a_contact_at_once_is_at_once():
     assert adversary.find_contact(HOME, STILL, body(corner)) == 0.0
     segment = corner + np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]])
     assert adversary.find_contact(HOME, STILL, body(segment)) == 0.0
+
+
+def test_joints_keep_to_their_limits_while_they_hunt(monkeypatch):
+    """Full speed at a limit would not be possible: they brake before it."""
+    robot, positions = ranged_panda(), []
+    compute = pinocchio.computeJointJacobians
+    monkeypatch.setattr(
+        pinocchio,
+        "computeJointJacobians",
+        lambda model, data, q: (positions.append(q), compute(model, data, q)),
+    )
+    place = np.array([1.6, 0.9, 0.5])
+    make().find_contact(robot.upper_position_limit - 0.3, STILL, body(place, accel=0.0, speed=0.0))
+    q = np.array(positions[: int(HORIZON / STEP)])
+    assert (q <= robot.upper_position_limit + 1e-9).all()
+    assert (q >= robot.lower_position_limit - 1e-9).all()
+    change = np.abs(np.diff(q, 2, axis=0)) / STEP**2
+    assert (change <= robot.acceleration_limit * (1.0 + 1e-6)).all()
+    assert np.abs(np.diff(q, axis=0)).max() > 0.0

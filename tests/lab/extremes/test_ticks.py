@@ -1,6 +1,7 @@
 import pytest
 
-from armguard.lab.extremes.line import REFUSED, SOUND
+from armguard.lab.extremes import ticks
+from armguard.lab.extremes.line import REFUSED, SOUND, UNSOUND
 from armguard.lab.extremes.ticks import list_cases
 
 LONG = {
@@ -40,3 +41,9 @@ def test_what_is_far_from_zero_says_what_it_says_near_it(lines):
     near = lines["stamps", "since 1970"]
     assert near.tight == pytest.approx(lines["coordinates", "1e6 m, extent=2e6"].tight, rel=1e-3)
     assert near.tight == pytest.approx(lines["stamps", "1e12 s"].tight, rel=1e-2)
+
+
+def test_what_says_too_much_is_found_out(monkeypatch):
+    monkeypatch.setattr(ticks, "_hunt", lambda *given: 1e-6)
+    (case,) = (one for one in list_cases() if one.name == "1000 Hz")
+    assert case.measure(0).outcome == UNSOUND

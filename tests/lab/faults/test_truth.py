@@ -39,8 +39,8 @@ def test_no_contact_is_missed_between_measurements(witness, pace):
     times, q, v = make_steps(2000)
 
     def walk_past(time):
-        """Towards the arm, and away again from the middle on."""
-        return stand_at(1.2 + pace * abs(time - 1.0) - 0.5)
+        """Towards the arm, and away again."""
+        return stand_at(1.2 + pace * abs(time - 0.7) - 0.5)
 
     found = witness.follow(times, q, v, walk_past)
     every = [witness.measure(q[0], v[0], walk_past(time)) for time in times]

@@ -1,11 +1,11 @@
 import pytest
 
 from armguard.lab.tradeoff.command import _make_site
-from armguard.lab.tradeoff.ladder import AUTO, DEFAULT, FINEST
+from armguard.lab.tradeoff.ladder import AUTO, DEFAULT, FINEST, Setting
 from armguard.lab.tradeoff.report import summarise
 from armguard.lab.tradeoff.scene import make_scene
-from armguard.lab.tradeoff.study import TURN, _choose, run_study
-from support.tradeoff_cases import make_site, small_scene
+from armguard.lab.tradeoff.study import TURN, Outcome, _choose, run_study
+from support.tradeoff_cases import make_figures, make_site, small_scene
 
 
 def study(tell=lambda text, share: None, axes=("schedule", "budget"), **settings):
@@ -94,3 +94,9 @@ def test_an_interrupt_before_there_is_anything_is_one():
         study(interrupt("default"))
     with pytest.raises(KeyboardInterrupt):
         study(interrupt("making finest"))
+
+
+def test_a_setting_that_missed_a_contact_is_not_sound():
+    assert Outcome(Setting("x"), make_figures(missed=0.0)).is_sound
+    assert not Outcome(Setting("x"), make_figures(missed=1.0)).is_sound
+    assert not Outcome(Setting("x"), None, "why").is_sound

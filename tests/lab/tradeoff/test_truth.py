@@ -86,6 +86,7 @@ def test_what_rests_or_was_there_from_the_first_is_no_contact():
     [
         ({}, True),
         (SWIFT, True),
+        ({"accel": 10.0, "speed": 60.0}, True),
         ({"accel": 1e5, "speed": 60.0}, False),
         ({"accel": 0.0, "speed": 0.0, "position_error": 1.0, "velocity_error": 99.0}, False),
     ],
