@@ -7,7 +7,7 @@ import pytest
 
 from armguard.app.cli import COMMANDS, main
 from armguard.lab.extremes import command as extremes
-from armguard.lab.extremes.line import SOUND, Line
+from armguard.lab.extremes.report import SOUND, Line
 from armguard.lab.faults import command
 from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest

@@ -9,8 +9,7 @@ from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.lab.extremes.evaluations import Evaluations, list_evaluations
-from armguard.lab.extremes.line import UNSOUND, Line
-from armguard.lab.extremes.report import summarise, write_page
+from armguard.lab.extremes.report import UNSOUND, Line, summarise, write_page
 from armguard.lab.extremes.ticks import Case, list_cases
 from armguard.lab.pages import check_page, write_files
 from armguard.lab.study_facts import Tell, list_facts, show_progress, tell_command

@@ -12,7 +12,7 @@ import numpy as np
 
 from armguard.contact import earliest_contact_pair
 from armguard.lab.extremes.exact import Course, FreePair, HeadOn
-from armguard.lab.extremes.line import SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import SOUND, UNSOUND, Line
 
 DECADES = (-6, -3, 0, 3, 6)
 LATEST = 1e9

@@ -1,12 +1,34 @@
-"""The page of extremes, in Markdown."""
+"""What became of each case at the extremes, and the page that tells it, in Markdown."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from armguard.lab.extremes.line import REFUSED, UNSOUND, Line
 from armguard.lab.pages import UNKNOWN, list_lines, write_table
+
+SOUND, UNSOUND, REFUSED = "sound", "UNSOUND", "refused"
+"""What became of a case."""
+
+
+class Line(NamedTuple):
+    """What became of one case."""
+
+    group: str
+    case: str
+    outcome: str
+    """`SOUND`, `UNSOUND` or `REFUSED`."""
+    tight: float = float("nan")
+    """Contact time over the exact one, or over an adversary's first contact, in the median; NaN
+    where there is nothing to compare."""
+    worst: float = float("nan")
+    """The least of these."""
+    price: float = float("nan")
+    """Of an evaluation or of a tick, in the median, in [µs]."""
+    note: str = ""
+    """Against what, or why refused."""
+
 
 HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5)
 """Of the table, and which of its columns are of words."""

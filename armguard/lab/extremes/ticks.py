@@ -14,7 +14,7 @@ import pinocchio
 from armguard.exceptions import ArmguardError
 from armguard.lab.extremes.adversary import Adversary, Body
 from armguard.lab.extremes.arms import make_arm
-from armguard.lab.extremes.line import REFUSED, SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import REFUSED, SOUND, UNSOUND, Line
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot

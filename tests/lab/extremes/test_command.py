@@ -4,7 +4,7 @@ import pytest
 
 from armguard.app.cli import main
 from armguard.lab.extremes import command as extremes
-from armguard.lab.extremes.line import SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import SOUND, UNSOUND, Line
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 from armguard.lab.extremes import evaluations
 from armguard.lab.extremes.evaluations import list_evaluations
-from armguard.lab.extremes.line import SOUND, UNSOUND
+from armguard.lab.extremes.report import SOUND, UNSOUND
 
 
 def measure_all(cases, seed):

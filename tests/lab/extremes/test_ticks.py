@@ -1,7 +1,7 @@
 import pytest
 
 from armguard.lab.extremes import ticks
-from armguard.lab.extremes.line import REFUSED, SOUND, UNSOUND
+from armguard.lab.extremes.report import REFUSED, SOUND, UNSOUND
 from armguard.lab.extremes.ticks import list_cases
 
 LONG = {
