@@ -93,6 +93,7 @@ def measure(tree: Path, seconds: float, seed: int) -> dict[str, list[float]]:
     """Figures of one run with the sources of a tree."""
     from armguard.lab.demo import nodes
     from armguard.lab.demo.launcher import write_cell
+    from armguard.lab.simulation.processes import start_device
 
     with contextlib.ExitStack() as resources:
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-")))
@@ -115,7 +116,7 @@ def measure(tree: Path, seconds: float, seed: int) -> dict[str, list[float]]:
             ),
         )
         for device in devices:
-            process = resources.enter_context(nodes.start(device, errors))
+            process = resources.enter_context(start_device(device, errors))
             resources.callback(process.terminate)
         subprocess.run(
             [sys.executable, __file__, "--loop", str(folder), "--seconds", str(seconds)],

@@ -27,6 +27,7 @@ import zmq
 
 from armguard.lab.demo import nodes
 from armguard.lab.demo.launcher import write_cell
+from armguard.lab.simulation.processes import start_device
 from armguard.streams import VerdictReader
 from armguard.view.messages import FrameMessage, decode_message
 
@@ -143,7 +144,7 @@ def run_cell(folder, duration, balls, record, *, realtime):
             ),
             nodes.RobotNode(joints=joints, verdicts=verdicts, seed=0, robot=ROBOT),
         ):  # fmt: skip
-            resources.callback(end, nodes.start(node, log))
+            resources.callback(end, start_device(node, log))
         with VerdictReader(verdicts) as reader:
             while (verdict := reader.latest(0.1)) is None or not verdict.sequence:
                 if monitor.poll() is not None:

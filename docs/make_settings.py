@@ -21,10 +21,10 @@ BLOCK = re.compile(
 )
 
 LEFT_OUT = {
-    "cover level 1", "cover level 2", "motion joint by time",
+    "cover level 1", "cover level 2",
     "schedule daa, fibonacci", "max_staleness 0.5", "rate 500 Hz", "budget 256",
 }  # fmt: skip
-"""Settings that a table leaves to its report, and so are combinations."""
+"""Settings that a table leaves to its report."""
 
 COLUMNS = {
     "tick, median [µs]": ("tick_p50", "{:.0f}"),
@@ -75,7 +75,7 @@ def _read(report: str) -> dict[str, Any]:
 def _tabulate_settings(settings: dict[str, Any]) -> str:
     lines = [f"| setting | {' | '.join(COLUMNS)} |", f"|---|{'---:|' * len(COLUMNS)}"]
     for name, figures in settings.items():
-        if figures is None or name in LEFT_OUT or " + " in name or name == "auto":
+        if figures is None or name in LEFT_OUT or name == "auto":
             continue
         cells = [
             "–" if figures[field] is None else form.format(figures[field])

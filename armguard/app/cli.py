@@ -254,7 +254,7 @@ class Commission:
     file: Annotated[Path, tyro.conf.Positional]
     """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
     out: Path | None = None
-    """The folder to write cell-lines.toml, robot.toml and pictures into."""
+    """The folder to write cell-lines.toml and robot.toml into."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 
@@ -476,7 +476,7 @@ class NewRobot:
     """Print one JSON object; what is for people goes to standard error."""
 
     def run(self) -> int:
-        """Ask, fit, write, and show what it costs."""
+        """Ask, fit, and write."""
         from armguard.lab.new_robot.command import run_new
 
         return run_new(self)
@@ -529,14 +529,6 @@ class Tradeoff:
     """Of the scene."""
     seed: int = 0
     """Of all motions."""
-    no_plots: Flag = False
-    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
-    dask: str | None = None
-    """Measure settings on the workers of a Dask scheduler at this address, or of `local`."""
-    workers: int | None = None
-    """How many processes of this machine measure settings; needs Dask (the extra `cluster`)."""
-    resume: Flag = False
-    """Go on with the settings that an earlier run of this study has kept in `out`."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 
@@ -558,12 +550,6 @@ class Extremes:
     """The page to write; without it, it is printed."""
     seed: int = 0
     """Of all cases."""
-    dask: str | None = None
-    """Measure cases on the workers of a Dask scheduler at this address, or of `local`."""
-    workers: int | None = None
-    """How many processes of this machine measure cases; needs Dask (the extra `cluster`)."""
-    resume: Flag = False
-    """Go on with the cases that an earlier run has kept beside `out`."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 
@@ -585,8 +571,6 @@ class Paper:
     """The folder to write the report into."""
     seed: int = 0
     """Of all motions."""
-    no_plots: Flag = False
-    """Draw no pictures, for which matplotlib is needed (the extra `plot`)."""
     json: Flag = False
     """Print one JSON object; what is for people goes to standard error."""
 

@@ -17,7 +17,7 @@ tells which links that was.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,6 +61,9 @@ TRIED = {
 }
 """Settings of which every example is tried, one after the other; a budget follows from them."""
 
+LEVEL = "level"
+"""Name of an axis beside them: the finest level of the cover that is used."""
+
 FINEST_SCHEDULE = "full"
 """Of the finest: every pair in every tick."""
 
@@ -76,9 +79,6 @@ class _Rungs(NamedTuple):
 
     settings: Mapping[str, Any]
     level: int | None = None
-
-    def change(self, **settings: Any) -> _Rungs:
-        return self._replace(settings={**self.settings, **settings})
 
 
 class _Outcome(NamedTuple):
@@ -165,10 +165,16 @@ def choose_settings(
     best = attempt(_Rungs(usual))
     budget, story = None, []
     shows = len(np.unique(finest.levels)) >= 2
+    levels = max(robot.cover.levels(link) for link in robot.cover.links)
+    coarser = [] if keeps_cover else list(range(levels - 1))[::-1]
+    # How stale an answer may look decides about most of the price.
+    *others, first = TRIED
+    axes = [first, *([LEVEL] if coarser else []), *others]
     if shows:
-        for axis, candidates in _list_axes(robot, given, keeps_cover=keeps_cover):
+        for axis in (one for one in axes if one not in given):
             outcomes = [
-                best if rungs == best.rungs else attempt(rungs) for rungs in candidates(best.rungs)
+                best if rungs == best.rungs else attempt(rungs)
+                for rungs in _list_candidates(axis, best.rungs, coarser)
             ]
             best = _pick(outcomes)
             story.append(_explain(axis, best, outcomes))
@@ -190,49 +196,23 @@ def _make_trial(
 
 
 def _list_ticks(trial: Iterable[TrialTick]) -> list[TrialTick]:
-    expected = "joint states to try settings on, each a TrialTick"
-    if not isinstance(trial, Iterable):
-        raise ArmguardError("trial", f"is {trial!r}", expected=expected)
-    ticks = list(trial)
+    expected = "joint states to try settings on, each a TrialTick; its `tell` a function, or None"
+    ticks = list(trial) if isinstance(trial, Iterable) else []
     if not ticks:
-        raise ArmguardError("trial", "has no ticks", expected=expected)
+        raise ArmguardError("trial", f"has no ticks: {trial!r}", expected=expected)
     for number, tick in enumerate(ticks):
-        if not isinstance(tick, TrialTick):
-            raise ArmguardError(
-                f"trial[{number}]", f"is a {type(tick).__name__}", expected=expected
-            )
-        if not (tick.tell is None or callable(tick.tell)):
-            raise ArmguardError(
-                f"trial[{number}].tell", f"is {tick.tell!r}", expected="a function, or None"
-            )
+        if not isinstance(tick, TrialTick) or not (tick.tell is None or callable(tick.tell)):
+            kind = type(tick).__name__
+            raise ArmguardError(f"trial[{number}]", f"is a {kind}", expected=expected)
     return ticks
 
 
-def _list_axes(
-    robot: Robot, given: Mapping[str, Any], *, keeps_cover: bool
-) -> list[tuple[str, Callable[[_Rungs], list[_Rungs]]]]:
-    """What can be chosen, axis by axis: from what was chosen before to the candidates.
-
-    Those come first that are preferred at the same price.
-    """
-    levels = max(robot.cover.levels(link) for link in robot.cover.links)
-    coarser = [] if keeps_cover else list(range(levels - 1))[::-1]
-
-    def change(name: str) -> Callable[[_Rungs], list[_Rungs]]:
-        return lambda best: [best.change(**{name: one}) for one in TRIED[name].examples]
-
-    # How stale an answer may look decides about most of the price.
-    *others, first = TRIED
-    axes: dict[str, Callable[[_Rungs], list[_Rungs]]] = {
-        first: change(first),
-        "level": lambda best: [best, *(best._replace(level=one) for one in coarser)],
-        **{name: change(name) for name in others},
-    }
-    return [
-        (axis, candidates)
-        for axis, candidates in axes.items()
-        if axis not in given and not (axis == "level" and not coarser)
-    ]
+def _list_candidates(axis: str, best: _Rungs, coarser: Sequence[int]) -> list[_Rungs]:
+    """What can be chosen on an axis beside what was chosen before; first what is preferred."""
+    if axis == LEVEL:
+        return [best, *(best._replace(level=level) for level in coarser)]
+    examples = TRIED[axis].examples
+    return [best._replace(settings={**best.settings, axis: value}) for value in examples]
 
 
 def _run(
@@ -281,17 +261,13 @@ def _pick(outcomes: Sequence[_Outcome]) -> _Outcome:
     return next(one for one in pool if one.price <= AS_CHEAP * least)
 
 
-def _name(axis: str, rungs: _Rungs) -> str:
-    if axis == "level":
-        return "all levels of the cover" if rungs.level is None else f"level {rungs.level}"
-    return f"{axis} {rungs.settings[axis]}"
-
-
 def _explain(axis: str, best: _Outcome, outcomes: Sequence[_Outcome]) -> str:
     """What was chosen on one axis, beside what else was tried."""
 
     def tell(one: _Outcome) -> str:
-        return f"{_name(axis, one.rungs)}: {one.same_level:.1%} at {one.price:.3g}"
+        value = one.rungs.level if axis == LEVEL else one.rungs.settings[axis]
+        name = "all levels of the cover" if value is None else f"{axis} {value}"
+        return f"{name}: {one.same_level:.1%} at {one.price:.3g}"
 
     others = ", ".join(tell(one) for one in outcomes if one is not best)
     return f"{tell(best)} evaluations a tick ({others})"
@@ -341,10 +317,4 @@ def _conclude(
     links = "all links are watched"
     if unreached:
         links += f"; nothing came within reach of {', '.join(choice.out_of_reach)}"
-    reasons = [
-        f"{', '.join(names)}{stands}",
-        near,
-        links,
-        *story,
-    ]
-    return choice._replace(reasons=tuple(reasons))
+    return choice._replace(reasons=(f"{', '.join(names)}{stands}", near, links, *story))

@@ -7,6 +7,7 @@ enough, since only geometry matters here.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from armguard.cover.interchange import (
 from armguard.cover.report import CoverReport, LinkReport
 from armguard.exceptions import CoverError, RobotError
 from armguard.jit.progress import following
-from armguard.lab.lever_report import JointLevers, compare_levers
+from armguard.lab.pages import make_folder
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -70,7 +71,7 @@ class Target:
         self.cover: Path | None = None
         self.is_known = is_known(name)
         self.folders: list[Path]
-        if Path(name).suffix != ".urdf" and not _is_file(name):
+        if Path(name).suffix != ".urdf" and not os.path.isfile(name):
             try:
                 directory = find_robot(name)
             except RobotError as error:
@@ -114,9 +115,9 @@ def run(wishes: cli.Cover) -> int:
         raise CoverError(asked[0], "fits nothing", remedy="leave out --spheres and --protrusion")
     if inflate and file is None:
         raise CoverError("--inflate", "needs spheres", expected="--import FILE")
-    if out is not None and not (inflate or not asked):
+    if out is not None and asked and not inflate:
         raise CoverError("--out", "has nothing to be written", remedy="leave it out")
-    if not asked and out is None:
+    if out is None and not asked:
         raise CoverError("--out", "is missing", expected="the folder to write cover.json into")
     target = Target(wishes.robot, wishes.limits, wishes.package_dirs)
     if wishes.check:
@@ -145,10 +146,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     robot = target.robot
     if isinstance(robot, UrdfLinks) and robot.bare:
         _print(f"drawn without collision geometry, NOT covered: {', '.join(robot.bare)}")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CoverError(str(folder), f"cannot be made: {error.strerror}") from error
+    make_folder(folder)
     cover = fit_cover(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
@@ -174,17 +172,14 @@ def fit_cover(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float |
 
 
 def prove(target: Target) -> int:
-    """Prove a known robot's cover again, and show it and its levers; the exit code."""
+    """Prove a known robot's cover again, and show it; the exit code."""
     if target.cover is None or not isinstance(target.robot, Robot):
         raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
     cover = Cover.load(target.cover)
     cover.verify(target.robot)
     report = cover.check(target.robot)
-    code = show_report(report)
-    levers = compare_levers(target.robot, cover)
-    _print(_tabulate_levers(levers))
-    print_json(lambda: describe(report) | {"levers": levers})
-    return code
+    print_json(lambda: describe(report))
+    return show_report(report)
 
 
 def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> int:
@@ -243,7 +238,8 @@ def write(target: Target, file: Path) -> int:
 
 def list_known() -> int:
     """Show the robots that armguard knows, from their files alone; the exit code."""
-    table = Table("robot", "joints", "links", "spheres", "title", box=None, pad_edge=False)
+    heads = ("name", "joints", "links", "spheres", "title")
+    table = Table(*heads, box=None, pad_edge=False)
     robots = []
     for name in list_robots():
         description = read_description(find_robot(name) / DESCRIPTION)
@@ -253,31 +249,20 @@ def list_known() -> int:
             cover = Cover.load(path)
             links = len(cover.links)
             spheres = sum(len(cover.spheres(link)) for link in cover.links)
-        joints, title = len(description.joints), description.title
-        counted = ("no cover" if one is None else str(one) for one in (links, spheres))
-        table.add_row(name, str(joints), *counted, title)
-        robots.append(
-            {"name": name, "joints": joints, "links": links, "spheres": spheres, "title": title}
-        )
+        row = (name, len(description.joints), links, spheres, description.title)
+        table.add_row(*("no cover" if one is None else str(one) for one in row))
+        robots.append(dict(zip(heads, row, strict=True)))
     _print(table)
     print_json(lambda: {"robots": robots})
     return 0
-
-
-def _is_file(name: str) -> bool:
-    """Whether there is a file of that name; none can be if the name is too long for one."""
-    try:
-        return Path(name).is_file()
-    except OSError:
-        return False
 
 
 def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
     """Write what is proved, and only that."""
     code = show_report(report)
     if code == 0:
+        make_folder(folder)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             cover.save(folder / COVER)
         except OSError as error:
             raise CoverError(str(folder / COVER), f"cannot be written: {error.strerror}") from error
@@ -350,16 +335,6 @@ def _tabulate_gaps(gaps: dict[str, Gap]) -> Table:
     ]
     caption = "uncovered: share of the surface; up to: its distance to the nearest sphere"
     heads = ("link", "spheres", "uncovered", "up to, mm", "covered")
-    return make_table(heads, rows, caption=caption)
-
-
-def _tabulate_levers(levers: dict[str, JointLevers]) -> Table:
-    rows = [
-        (name, f"{one.proved:.3f}", f"{one.sampled:.3f}", f"{one.ratio:.3f}")
-        for name, one in levers.items()
-    ]
-    caption = "how far spheres get from a joint's axis: proved, and seen in random samples"
-    heads = ("joint", "lever, m", "sampled, m", "median ratio")
     return make_table(heads, rows, caption=caption)
 
 

@@ -6,10 +6,6 @@ decided here, once for all studies.
 
 from __future__ import annotations
 
-import base64
-import csv
-import html
-import io
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -17,30 +13,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from markdown_it import MarkdownIt
-from markdown_it.token import Token
 
 from armguard.app.terminal import make_plain
 from armguard.exceptions import ArmguardError
 
 JSON_FILE, PAGE = "report.json", "README.md"
-"""What a report has for programs and for people, beside its table and its pictures."""
-
-HTML_HEAD = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width">
-<style>
-body {{ font: 15px/1.5 sans-serif; max-width: 90em; margin: 2em auto; padding: 0 1em; }}
-table {{ border-collapse: collapse; font-size: 12px; display: block; overflow-x: auto; }}
-th, td {{ border-bottom: 1px solid #ccc; padding: .3em .5em; }}
-th {{ text-align: left; }}
-td {{ white-space: nowrap; }}
-td:first-child {{ white-space: normal; min-width: 12em; }}
-img {{ max-width: 100%; display: block; }}
-code {{ overflow-wrap: anywhere; }}
-</style></head><body>
-"""
-"""Of a page in HTML."""
+"""What a report has for programs and for people."""
 
 UNKNOWN = "–"
 """What people are shown instead of what is no number."""
@@ -79,22 +57,6 @@ def round_off(value: Any) -> Any:
     return value
 
 
-def write_json(data: Mapping[str, Any]) -> bytes:
-    """Records and plain data, a line each; floats are rounded off, null where they are none."""
-    return msgspec.json.format(msgspec.json.encode(round_off(make_plain(data))), indent=1)
-
-
-def write_csv(heads: Sequence[str], rows: Iterable[Iterable[Any]]) -> bytes:
-    """A table for programs: floats rounded off, cells empty where they are no numbers."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(heads)
-    for row in rows:
-        plain = map(round_off, row)
-        writer.writerow(["" if cell is None else cell for cell in plain])
-    return text.getvalue().encode()
-
-
 def write_table(
     heads: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[int] = (0,)
 ) -> list[str]:
@@ -112,62 +74,44 @@ def write_table(
     return lines
 
 
-def list_pictures(captions: Mapping[str, str], files: Collection[str]) -> dict[str, str]:
-    """What pictures show, by name of their PNG files, of those that were drawn.
-
-    Args:
-        captions: By name of the picture, in the order in which they are shown.
-        files: That were drawn.
-    """
-    named = {f"{name}.png": caption for name, caption in captions.items()}
-    return {file: caption for file, caption in named.items() if file in files}
+def list_lines(lines: Iterable[str]) -> str:
+    """A list in Markdown, which is one on a terminal, too."""
+    return "".join(f"- {line}\n" for line in lines)
 
 
-def write_page(
+def write_report(
+    folder: Path,
     title: str,
-    summary: Sequence[str],
     body: Sequence[str],
-    pictures: Mapping[str, str],
     facts: Sequence[str],
-    table: str,
-) -> bytes:
-    """A page in Markdown: summary, body, pictures, and how all that was measured.
+    data: Mapping[str, Any],
+) -> None:
+    """Write a page in Markdown, and the same for programs as JSON.
+
+    The page has the summary, the body, and how all that was measured.
 
     Args:
+        folder: Where; it is there.
         title: Of the page.
-        summary: What was found, a line each.
         body: Lines.
-        pictures: What each one shows, by name of its file.
         facts: Command, machine, versions and seed, a line each.
-        table: Name of the file with the table for programs.
+        data: All that was found, as records and plain data; `summary` is a list of lines. What is
+            no number becomes null.
+
+    Raises:
+        ArmguardError: One of them cannot be written.
     """
-    lines = [f"# {title}", "", *_list(summary), "", *body, ""]
-    for name, caption in pictures.items():
-        lines += [f"![{caption}]({name})", ""]
-    lines += ["## How it was measured", "", *_list(facts), ""]
-    lines.append(f"All figures are in [{JSON_FILE}]({JSON_FILE}) and [{table}]({table}).")
-    return ("\n".join(lines) + "\n").encode()
-
-
-def write_html(title: str, page: bytes, folder: Mapping[str, bytes]) -> bytes:
-    """A page in HTML that needs no other file, and no network.
-
-    Args:
-        title: Of the page.
-        page: The same in Markdown.
-        folder: Contents of the pictures, by the names that the page gives them.
-    """
-    parser = MarkdownIt("js-default")
-    tokens = parser.parse(page.decode())
-    for paragraph in tokens:
-        for token in paragraph.children or ():
-            if token.type == "image":
-                image = base64.b64encode(folder[str(token.attrs["src"])]).decode()
-                token.attrs["src"] = f"data:image/png;base64,{image}"
-                # What it shows stands below it.
-                paragraph.children = [token, Token("text", "", 0, content=token.content)]
-    body = parser.renderer.render(tokens, parser.options, {})
-    return f"{HTML_HEAD.format(title=html.escape(title))}{body}</body></html>\n".encode()
+    lines = [f"# {title}", "", list_lines(data["summary"]), *body, ""]
+    lines += ["## How it was measured", "", list_lines(facts)]
+    lines.append(f"All figures are in [{JSON_FILE}]({JSON_FILE}).\n")
+    plain = round_off(make_plain(data))
+    write_files(
+        folder,
+        {
+            JSON_FILE: msgspec.json.format(msgspec.json.encode(plain), indent=1),
+            PAGE: "\n".join(lines).encode(),
+        },
+    )
 
 
 def check_page(out: Path) -> None:
@@ -189,25 +133,32 @@ def check_page(out: Path) -> None:
         ) from None
 
 
+def make_folder(out: Path) -> None:
+    """Make the folder of a report.
+
+    Raises:
+        ArmguardError: It cannot be made, or is a file.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArmguardError(
+            f"--out {out}", f"cannot be made ({error.strerror})", expected="a folder"
+        ) from None
+
+
 def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write the files of a report; their paths.
-
-    Args:
-        folder: Which is there.
-        files: Their contents, by name.
 
     Raises:
         ArmguardError: One of them cannot be written.
     """
+    paths = []
     for name, content in files.items():
+        path = folder / name
         try:
-            (folder / name).write_bytes(content)
+            path.write_bytes(content)
         except OSError as error:
-            raise ArmguardError(
-                str(folder / name), f"cannot be written: {error.strerror}"
-            ) from None
-    return [folder / name for name in files]
-
-
-def _list(lines: Iterable[str]) -> list[str]:
-    return [f"- {line}" for line in lines]
+            raise ArmguardError(str(path), f"cannot be written: {error.strerror}") from None
+        paths.append(path)
+    return paths

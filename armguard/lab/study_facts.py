@@ -1,28 +1,20 @@
-"""What studies have in common at the command line: progress, where rows are measured, and facts.
-
-A study goes on, `--resume`, where all that its rows rest on is the same; processors may differ, as
-they do in a cluster.
-"""
+"""What studies have in common at the command line: progress, and facts for their pages."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator
 
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn
 
-from armguard.app import cli
 from armguard.app.terminal import describe_column, make_console
-from armguard.exceptions import ArmguardError
-from armguard.lab.cluster import LOCAL, SOFTWARE, Cluster
-from armguard.lab.rows import Here, Rows, Tell
-from armguard.recording.provenance import describe_provenance, describe_software
-from armguard.robot.robot import Robot
+from armguard.recording.provenance import describe_software
+
+Tell = Callable[[str, float], None]
+"""Is told what is done, and which share of that is done."""
 
 VERSIONS = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
 """What a page names the versions of."""
@@ -33,42 +25,14 @@ def tell_command() -> str:
     return shlex.join(["armguard", *sys.argv[1:]])
 
 
-def describe_machine(provenance: dict[str, str]) -> str:
-    """Processor, cores and system of the machine that `describe_provenance` told of."""
-    return f"{provenance['processor']}, {os.cpu_count()} cores, {provenance['machine']}"
-
-
-def describe_versions(provenance: dict[str, str]) -> str:
-    """Versions of what `VERSIONS` names, as `describe_provenance` told them."""
-    return ", ".join(f"{name} {provenance[name]}" for name in VERSIONS)
-
-
-def list_facts(seed: int) -> dict[str, str]:
-    """Machine, versions and seed, by name.
-
-    Args:
-        seed: Of all that was drawn at random.
-    """
-    provenance = describe_provenance(Robot.load("panda"))
-    return {
-        "machine": describe_machine(provenance),
-        "versions": describe_versions(provenance),
-        "seed": str(seed),
+def list_facts(seed: int | None = None) -> dict[str, str]:
+    """Machine and versions, and the seed of all that was drawn at random, by name."""
+    software = describe_software()
+    facts = {
+        "machine": f"{software['processor']}, {os.cpu_count()} cores, {software['machine']}",
+        "versions": ", ".join(f"{name} {software[name]}" for name in VERSIONS),
     }
-
-
-def make_folder(out: Path) -> None:
-    """Make the folder of a report.
-
-    Raises:
-        ArmguardError: It cannot be made, or is a file.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ArmguardError("--out", f"{out} is a file", expected="a folder") from None
-    except OSError as error:
-        raise ArmguardError("--out", f"{out} cannot be made: {error.strerror}") from None
+    return facts if seed is None else facts | {"seed": str(seed)}
 
 
 @contextlib.contextmanager
@@ -84,48 +48,3 @@ def show_progress() -> Iterator[Tell]:
             progress.update(bar, description=text, completed=share)
 
         yield tell
-
-
-def is_by_rows(wishes: cli.Tradeoff | cli.Extremes) -> bool:
-    """Whether the command line asks for rows that are kept, or measured by other processes."""
-    return wishes.resume or wishes.dask is not None or wishes.workers is not None
-
-
-@contextlib.contextmanager
-def open_rows(
-    wishes: cli.Tradeoff | cli.Extremes, folder: Path | None, study: Mapping[str, str]
-) -> Iterator[Rows]:
-    """Rows that are measured where they are to be; kept only where that was asked for.
-
-    Args:
-        wishes: What the command line says.
-        folder: Of the report; rows are kept below it.
-        study: What must be the same in a study that is gone on with, beside the software.
-
-    Raises:
-        ArmguardError: No worker can be had, or rows that are there are of another study.
-    """
-    if not is_by_rows(wishes):
-        yield Rows(Here(names_machine=False), None, {}, resume=False)
-        return
-    software = describe_software()
-    about = {**study, **{name: software[name] for name in SOFTWARE}}
-    if wishes.dask is None and wishes.workers is None:
-        yield Rows(Here(), folder, about, resume=wishes.resume)
-        return
-    with Cluster(wishes.dask or LOCAL, wishes.workers) as cluster:
-        yield Rows(cluster, folder, about, resume=wishes.resume)
-
-
-def digest_file(path: Path | None) -> str:
-    """A digest of a file's content; "none" where there is no file.
-
-    Raises:
-        ArmguardError: It cannot be read.
-    """
-    if path is None:
-        return "none"
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    except OSError as error:
-        raise ArmguardError(str(path), f"cannot be read: {error.strerror}") from None

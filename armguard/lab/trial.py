@@ -13,7 +13,8 @@ from typing import Any
 from armguard.lab.simulation import ObstacleSource, ProceduralPerson
 from armguard.lab.simulation.person import DURATIONS
 from armguard.lab.tradeoff.ladder import AUTO, Rung, Setting
-from armguard.lab.tradeoff.scene import TARGET, Message, Scene, Site
+from armguard.lab.tradeoff.scene import TARGET, Scene, Site
+from armguard.messages.batch import ObstacleBatch
 from armguard.monitor.trial import Choice, TrialTick
 
 SECONDS = 3.0
@@ -69,6 +70,6 @@ def make_setting(choice: Choice) -> Setting:
     return Setting(AUTO, (Rung(AUTO, "", choice.settings, level=choice.level),))
 
 
-def _tell(messages: Sequence[Message], monitor: Any) -> None:
+def _tell(messages: Sequence[ObstacleBatch], monitor: Any) -> None:
     for message in messages:
-        message.tell(monitor.obstacles)
+        monitor.obstacles.update(*message)

@@ -29,12 +29,9 @@ class PlanningLimits(NamedTuple):
     """By joint, where it has such a limit, in [rad/s] or [m/s]."""
     acceleration: dict[str, float]
     """By joint, where it has such a limit, in [rad/s²] or [m/s²]."""
-    velocity_scaling: float
-    """What motions keep to of it that ask for nothing else; 1 where none is stated."""
-    acceleration_scaling: float
-    """What motions keep to of it that ask for nothing else; 1 where none is stated."""
     unused: tuple[str, ...]
-    """Limits that it states beside these, as "joint.key"."""
+    """What it states beside these: limits as "joint.key", and default scaling factors, since a
+    motion may ask for others."""
 
 
 def read_planning_limits(path: Path) -> PlanningLimits:
@@ -71,19 +68,11 @@ def read_planning_limits(path: Path) -> PlanningLimits:
             for key in map(str, entry)
             if key not in read and not key.startswith("has_")
         ]
-    scaling = []
-    for key in SCALING_KEYS:
-        value = _find(root, key)
-        factor = 1.0 if value is None else _read_positive(str(path), key, value)
-        if not factor <= 1.0:
-            raise RobotError(str(path), f"{key} is {factor}", expected="above 0, at most 1")
-        scaling.append(factor)
+    unused += [key for key in SCALING_KEYS if _find(root, key) is not None]
     return PlanningLimits(
         joints=tuple(map(str, table)),
         velocity=limits["velocity"],
         acceleration=limits["acceleration"],
-        velocity_scaling=scaling[0],
-        acceleration_scaling=scaling[1],
         unused=tuple(unused),
     )
 

@@ -7,12 +7,11 @@ import pytest
 
 from armguard.app.cli import COMMANDS, main
 from armguard.lab.extremes import command as extremes
-from armguard.lab.extremes.line import SOUND, Line
+from armguard.lab.extremes.report import SOUND, Line
 from armguard.lab.faults import command
 from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest
 from armguard.lab.paper import command as paper
-from armguard.lab.tradeoff import growth, study
 from support import commissioned_runs
 from support.urdf_arms import two_links
 
@@ -39,14 +38,11 @@ def words_of(tmp_path, recording, monkeypatch):
     What would take long is made short, or its result is made up.
     """
     monkeypatch.setattr("armguard.app.run.REACH_TIMEOUT", 0.1)
-    monkeypatch.setattr(growth, "COUNTS", (1,))
-    monkeypatch.setattr(growth, "SECONDS", 0.02)
-    monkeypatch.setattr(study, "MOMENTS", 1)
     monkeypatch.setattr(paper, "BALLS", (3, 8))
     monkeypatch.setattr(paper, "MOST_EVALUATIONS", 300)
     monkeypatch.setattr(paper, "PERIODS", (0.05,))
-    lines = [Line("radius", "1 m", SOUND)]
-    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (lines, True))
+    line = Line("radius", "1 m", SOUND)
+    monkeypatch.setattr(extremes, "measure_all", lambda seed, lines, tell: lines.append(line))
     found = CampaignReport([], [], Closest(0, 1.0, 0.5), 1.0)
     monkeypatch.setattr(command, "run_campaign", lambda faults, tell: found)
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
@@ -64,17 +60,17 @@ def words_of(tmp_path, recording, monkeypatch):
         "robots": ([], "robots"),
         "robot": (
             ["new", str(two_links(tmp_path)), "--out", out, "--yes", "--spheres", "2"],
-            "costs",
+            "choices",
         ),
         "cover": (["panda", "--export", str(tmp_path / "panda.yml")], "wrote"),
         "commission": ([str(recording)], "cell_lines"),
         "tradeoff": (
-            ["--out", out, "--seconds", "1", "--no-plots", "--axis", "max_staleness"],
+            ["--out", out, "--seconds", "1", "--axis", "max_staleness"],
             "settings",
         ),
         "faults": ([], "passed"),
         "extremes": ([], "lines"),
-        "paper": (["--no-plots", "--out", out], "rows"),
+        "paper": (["--out", out], "rows"),
     }
 
 
@@ -107,7 +103,7 @@ def test_a_cover_that_is_proved_says_what_it_is_like(tmp_path, capfd):
     assert main(["cover", "panda", "--check", "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
     assert told["wrote"] is None
-    assert {"proved", "sampled", "ratio"} == set(told["levers"]["panda_joint1"])
+    assert told["links"]["panda_hand"]["proved"] is True
     few = tmp_path / "few.yml"
     few.write_text("collision_spheres: {upper: [{center: [0.0, 0.0, 0.0], radius: 0.05}]}\n")
     assert main(["cover", str(tmp_path / "arm.urdf"), "--import", str(few), "--json"]) == 1

@@ -62,11 +62,6 @@ def test_a_known_robots_cover_is_proved_again(capsys):
     code, out, err = run(["cover", "--check", "panda"], capsys)
     assert (code, err) == (0, "")
     assert len(re.findall(r" yes ", out)) == 11
-    levers = re.findall(r"panda_joint\d .* ([\d.]+) .* ([\d.]+) .* ([\d.]+) ", out)
-    assert len(levers) == 7
-    for proved, seen, ratio in levers:
-        assert float(seen) <= float(proved)
-        assert 1.0 <= float(ratio) < 2.0
     assert "NO" not in out
 
 
@@ -84,15 +79,6 @@ def test_imported_spheres_show_what_they_leave_out_and_are_inflated(tmp_path, ca
         cover.spheres("upper")[:, 3], np.linalg.norm([0.05, 0.03, 0.02]), 1e-3
     )
     assert cover.check(UrdfLinks(urdf)).proved
-
-
-def test_imported_spheres_that_cover_are_said_to(tmp_path, capsys):
-    spheres = {"upper": [[0.0, 0.0, 0.0, 0.08]], "elsewhere": [[0.0, 0.0, 0.0, 0.1]]}
-    file = write_spheres(tmp_path / "enough.yml", spheres)
-    code, out, _ = run(["cover", "--import", file, two_links(tmp_path)], capsys)
-    assert code == 0
-    assert "covers the robot: proved" in out
-    assert "not watched, left out: elsewhere" in out
 
 
 @pytest.mark.parametrize("ending", ["yml", "urdf"])
@@ -122,7 +108,6 @@ def test_robots_are_listed_with_what_their_files_say(capsys):
         (["panda"], "--out"),
         (["nobody", "--out", "x"], "nobody: is neither a URDF nor a robot"),
         (["none.urdf", "--out", "x"], "none.urdf: cannot be read"),
-        (["--check", "none.urdf"], "none.urdf"),
         (["--check", "panda", "--export", "x.yml"], "--check and --export: exclude each other"),
         (["--check", "panda", "--spheres", "3"], "--check: fits nothing"),
         (["--check", "panda", "--out", "x"], "--out: has nothing"),
@@ -131,13 +116,9 @@ def test_robots_are_listed_with_what_their_files_say(capsys):
         (["panda", "--export", "none/x.yml"], "cannot be written"),
         (["panda", "--import", "none.yml"], "none.yml: cannot be read"),
         (["panda", "--spheres", "3", "--protrusion", "20", "--out", "x"], "exclude each other"),
-        (["panda", "--spheres", "0", "--out", "x"], "spheres: is 0"),
         (["panda", "--spheres", "501", "--out", "x"], "spheres: is 501; expected 1 to 500"),
-        (["panda", "--spheres", "many", "--out", "x"], "--spheres"),
         (["n" * 5000, "--out", "x"], "is neither a URDF nor a robot"),
-        (["panda", "--protrusion", "1e300", "--out", "x"], "at most 10 m"),
         (["panda", "--protrusion", "nan", "--out", "x"], "protrusion: is nan"),
-        (["panda", "--protrusion", "-1", "--out", "x"], "protrusion: is -0.001"),
         (["panda", "--out", "/dev/null/x"], "/dev/null/x"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -169,13 +150,6 @@ def test_unusable_meshes_are_refused_by_name(tmp_path, capsys, triangles, words)
     assert code == 2
     assert words in err.splitlines()[-1] or ("mesh.stl" in err and triangles == [])
     assert not (tmp_path / "x" / "cover.json").exists()
-
-
-def test_a_mesh_in_millimetres_is_covered_once_its_scale_is_given(tmp_path, capsys):
-    write_stl(tmp_path / "mesh.stl", [[[0, 0, 0], [120, 0, 0], [0, 80, 5]]])
-    scaled = mesh_xml("mesh.stl").replace("/>", ' scale="0.001 0.001 0.001"/>', 1)
-    code, _, _ = run(["cover", two_links(tmp_path, scaled), "--out", tmp_path], capsys)
-    assert code == 0
 
 
 def test_what_is_drawn_but_not_covered_is_said(tmp_path, capsys):

@@ -40,16 +40,6 @@ def test_shakes_show_as_the_triangle_weighs_them(frequency):
     assert motion.is_clean.sum() == len(TIMES) - 6
 
 
-@pytest.mark.parametrize(("length", "share"), [(0.03, 0.75), (0.06, 1.0)])
-def test_short_pushes_show_at_their_share(length, share):
-    rate = 1000.0  # fine enough for the ends of the push
-    times = np.arange(0.0, 1.0, 1.0 / rate)
-    push = np.where(np.abs(times - 0.5) <= length / 2.0, 20.0, 0.0)
-    x = np.cumsum(np.cumsum(push)) / rate**2
-    seen = np.nanmax(measure_motion(along_x(x), rate).accel)
-    assert seen == pytest.approx(20.0 * share, rel=0.03)
-
-
 def test_noise_is_told_and_adds():
     rng = np.random.default_rng(1)
     still = rng.normal(0.0, 2e-4, (5000, 2, 3))

@@ -5,7 +5,7 @@ from armguard.app.cli import Show
 from armguard.cover.cover import Cover
 from armguard.exceptions import ArmguardError
 from armguard.lab.covers import Target
-from armguard.lab.show import choose_posture, make_scene, measure_depths, show_arm
+from armguard.lab.show import choose_posture, make_scene, show_arm
 from armguard.robot import Robot
 from armguard.robot.description import find_example_urdf
 from armguard.view.arm import Arm
@@ -30,15 +30,6 @@ def test_every_level_of_the_tree_covers_what_the_finest_does(target):
     counts = [sum(len(link.spheres) for link in level) for level in scene.levels]
     assert counts == sorted(counts)
     assert counts[0] == len(robot.links)
-
-
-def test_depths_rise_by_one_from_ball_to_ball(target):
-    cover = Robot.load("ur5").cover
-    for link in target.robot.links:
-        tree, depths = cover.tree(link), measure_depths(cover, link)
-        assert depths[0] == 0
-        for ball, (first, count) in enumerate(zip(tree.first_child, tree.child_count, strict=True)):
-            assert (depths[first : first + count] == depths[ball] + 1).all()
 
 
 def test_a_urdf_is_shown_as_it_is():

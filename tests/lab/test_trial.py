@@ -1,14 +1,13 @@
-import numpy as np
+from types import SimpleNamespace
 
-from armguard.lab.tradeoff.ladder import AUTO
-from armguard.lab.trial import SECONDS, list_ticks, make_setting, make_visit
+from armguard.lab.trial import SECONDS, list_ticks, make_visit
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import OperatingLimits
 from armguard.verdict import Level
 from support.panda_monitor import ranged_panda
 from support.tradeoff_cases import make_site, small_scene
-from support.trials import lead, make_auto, make_trial
+from support.trials import lead
 
 RATE = 100.0
 
@@ -32,43 +31,19 @@ def test_a_visit_shows_all_levels_but_a_long_stop():
     assert not any("operating" in str(reason) for one in verdicts for reason in one.reasons)
 
 
-def test_the_same_seed_makes_the_same_visit_and_another_one_another():
-    told = [
-        [(message.stamp, message.position.tobytes()) for message in make_visit(*given).messages]
-        for given in ((make_site(),), (make_site(),), (make_site(), 5))
-    ]
-    assert told[0] == told[1] != told[2]
-
-
 def test_nobody_comes_where_nothing_is_heard():
     site = site_with_limits(lambda: Obstacles(sources=[]))
     assert make_visit(site).messages == []
     assert make_visit(site_with_limits(lambda: Obstacles(sources=["eye"]))).messages
 
 
-def test_a_scene_is_told_message_by_message():
+def test_each_message_is_told_before_the_first_tick_that_it_is_in_time_for():
     scene = small_scene()
-    site = make_site(rate=RATE)
-    ticks = list_ticks(scene, RATE)
-    table, monitor = Obstacles(), Monitor(site.robot, site.make_obstacles(), rate=RATE)
-    lead(monitor, ticks)
-    for message in scene.messages:
-        if message.stamp <= ticks[-1].stamp:
-            message.tell(table)
-    ids = [one for one in table.ids if one]
-    assert [one for one in monitor.obstacles.ids if one] == ids
-    for one in ids:
-        rows = table.row(one), monitor.obstacles.row(one)
-        places = [
-            each.table.accepted.points[row]
-            for each, row in zip((table, monitor.obstacles), rows, strict=True)
-        ]
-        np.testing.assert_array_equal(*places)
-
-
-def test_what_was_chosen_is_a_setting_like_others():
-    choice = make_auto(make_trial()[:60]).choice
-    setting = make_setting(choice)
-    assert (setting.name, setting.axis) == (AUTO, AUTO)
-    assert setting.monitor({"rate": RATE}) == {"rate": RATE, **choice.settings}
-    assert setting.rungs[0].level == choice.level
+    ticks, told = list_ticks(scene, RATE), []
+    for tick in ticks:
+        table = SimpleNamespace(update=lambda *batch, now=tick.stamp: told.append((now, batch[1])))
+        if tick.tell is not None:
+            tick.tell(SimpleNamespace(obstacles=table))
+    stamps = [message.stamp for message in scene.messages if message.stamp <= ticks[-1].stamp]
+    assert [stamp for _, stamp in told] == stamps
+    assert all(0.0 <= now - stamp < 1.0 / RATE for now, stamp in told)

@@ -30,19 +30,17 @@ def test_limits_count_where_the_file_says_that_there_are_some(tmp_path):
     assert found.joints == ("shoulder", "elbow")
     assert found.velocity == {"shoulder": 1.5}
     assert found.acceleration == {"elbow": 4.0}
-    assert (found.velocity_scaling, found.acceleration_scaling) == (0.1, 0.5)
-    assert found.unused == ("shoulder.max_jerk",)
+    assert found.unused == (
+        "shoulder.max_jerk",
+        "default_velocity_scaling_factor",
+        "default_acceleration_scaling_factor",
+    )
 
 
 def test_limits_are_found_in_the_namespaces_of_a_node(tmp_path):
     inner = "\n".join("      " + line for line in LIMITS.splitlines())
     text = f"/**:\n  ros__parameters:\n    robot_description_planning:\n{inner}\n"
     assert read_planning_limits(write(tmp_path, text)).velocity == {"shoulder": 1.5}
-
-
-def test_motions_keep_to_whole_limits_where_no_factor_is_stated(tmp_path):
-    found = read_planning_limits(write(tmp_path, "joint_limits: {a: {max_velocity: 1}}"))
-    assert (found.velocity_scaling, found.acceleration_scaling) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +60,6 @@ def test_motions_keep_to_whole_limits_where_no_factor_is_stated(tmp_path):
         ("joint_limits: {}", "has no joint_limits"),
         ("a: b", "has no joint_limits"),
         ("joint_limits: [", "is not YAML"),
-        ("default_velocity_scaling_factor: 2\njoint_limits: {a: {max_velocity: 1}}", "is 2.0"),
-        ("default_velocity_scaling_factor: .nan\njoint_limits: {a: {max_velocity: 1}}", "nan"),
     ],
 )
 def test_unusable_limits_are_refused_by_name(tmp_path, text, words):

@@ -3,12 +3,12 @@
 import functools
 
 import numpy as np
+import pinocchio
 
 from armguard.lab.tradeoff.contestant import Track
 from armguard.lab.tradeoff.figures import Figures
-from armguard.lab.tradeoff.growth import Grown
 from armguard.lab.tradeoff.ladder import AXES, DEFAULT, FINEST, Setting
-from armguard.lab.tradeoff.scene import Message, Site, make_scene
+from armguard.lab.tradeoff.scene import Notebook, Site, make_scene
 from armguard.lab.tradeoff.study import Outcome, Study
 from armguard.obstacles import Obstacles
 from support.panda_monitor import ranged_panda
@@ -24,9 +24,12 @@ def small_scene(seconds=1.0, balls=3):
 
 
 def make_message(stamp, position, *, body="ball", velocity=(0.0, 0.0, 0.0), radius=0.1, **bounds):
-    places = np.reshape(np.asarray(position, dtype=float), (1, -1, 3))
-    paces = np.broadcast_to(np.asarray(velocity, dtype=float), places.shape)
-    return Message(stamp, "eye", (body,), places, paces, np.array([radius]), bounds)
+    """One obstacle, as a scene takes it down."""
+    messages = []
+    Notebook(messages, 0.0, pinocchio.SE3.Identity(), "eye").update(
+        [body], stamp, position, np.broadcast_to(velocity, np.shape(position)), radius, **bounds
+    )
+    return messages[0]
 
 
 def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
@@ -38,9 +41,7 @@ def make_track(levels, *, rate=100.0, contact_time=1.0, **fields):
         np.full(count, 10),
         np.array(levels, dtype=np.int64),
         np.broadcast_to(np.asarray(contact_time, dtype=float), (count,)),
-        np.full(count, 0.1),
         np.ones(count),
-        np.zeros(count),
     )
     return track._replace(**fields)
 
@@ -59,7 +60,5 @@ def make_study(**changes):
         Outcome(Setting(str(rung), (rung,)), make_figures(core=0.05, stop=0.3, late_max=np.nan)),
         Outcome(Setting("odd"), None, "it | cannot be"),
     ]
-    grown = [Grown("full", pairs, 2.0 * pairs**0.5, 1.0, 0.0) for pairs in (10, 300, 3000)]
-    tracks = {name: make_track([3, 2, 0, 0, 1]) for name in (DEFAULT, FINEST)}
-    study = Study(outcomes, [DEFAULT, "budget 16"], [], [], grown, tracks, 5.0, "")
+    study = Study(outcomes, [DEFAULT, "budget 16"], [], 5.0, "")
     return study._replace(**changes)

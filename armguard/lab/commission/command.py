@@ -8,24 +8,20 @@ from pathlib import Path
 from rich.table import Table
 
 from armguard.app.terminal import make_console, make_table, print_json
-from armguard.exceptions import ArmguardError
-from armguard.lab.commission import (
-    Findings,
-    commission,
-    observe,
-    write_cell_lines,
-    write_robot_lines,
-)
-from armguard.lab.commission.pictures import draw
-from armguard.lab.pages import write_files
+from armguard.lab.commission.findings import Findings, commission
+from armguard.lab.commission.lines import write_cell_lines, write_robot_lines
+from armguard.lab.commission.observations import observe
+from armguard.lab.pages import UNKNOWN, make_folder, write_files
 from armguard.recording.reading import Recording
 
 CELL_FILE = "cell-lines.toml"
 ROBOT_FILE = "robot.toml"
 
+_UNKNOWN = (math.nan,) * 4
+
 
 def run_commission(file: Path, out: Path | None) -> int:
-    """Print what a recording says, and write lines and pictures if there is a folder for them.
+    """Print what a recording says, and write its lines if there is a folder for them.
 
     Args:
         file: The recording.
@@ -41,13 +37,9 @@ def run_commission(file: Path, out: Path | None) -> int:
     cell_lines, robot_lines = write_cell_lines(found), write_robot_lines(found)
     written: list[Path] = []
     if out is not None:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ArmguardError(str(out), f"cannot be written to ({error.strerror})") from None
+        make_folder(out)
         lines = {CELL_FILE: cell_lines.encode(), ROBOT_FILE: robot_lines.encode()}
         written = write_files(out, lines)
-        written += write_files(out, draw(found))
     console = make_console()
     for table in _draw_tables(found):
         console.print(table)
@@ -82,7 +74,7 @@ def describe(
         found: What it says.
         cell_lines: For the cell file.
         robot_lines: For robot.toml.
-        written: Files that have these lines and the pictures.
+        written: Files that have these lines.
     """
     kept = found._asdict()
     del kept["seen"], kept["unmeasured"]  # all that was recorded; and `missing` tells of these
@@ -99,27 +91,14 @@ def _draw_tables(found: Findings) -> list[Table]:
     """Joints, and sources if there are any."""
     stops, kept = [], []
     for name in found.seen.robot.joints:
+        count = str(sum(stop.joint == name for stop in found.stops))
         entry = found.brakes[name][-1] if name in found.brakes else None
         limits, errors = found.limits.get(name), found.errors.get(name)
-        stops.append(
-            (
-                name,
-                str(sum(stop.joint == name for stop in found.stops)),
-                _show(entry and entry.speed),
-                _show(entry and 1e3 * entry.stopping_time),
-                _show(entry and entry.stopping_distance),
-                _show((entry and entry.deceleration) or None),
-            )
-        )
-        kept.append(
-            (
-                name,
-                _show(limits and limits.velocity),
-                _show(limits and limits.acceleration),
-                _show(errors and errors.position),
-                _show(errors and errors.velocity),
-            )
-        )
+        braking = (entry.speed, 1e3 * entry.stopping_time, entry.stopping_distance,
+                   entry.deceleration or math.nan) if entry else _UNKNOWN  # fmt: skip
+        stops.append([name, count, *map(_show, braking)])
+        moving = (limits or _UNKNOWN)[:2] + (errors or _UNKNOWN)[:2]
+        kept.append([name, *map(_show, moving)])
     sources = [
         (
             name,
@@ -143,5 +122,5 @@ def _draw_tables(found: Findings) -> list[Table]:
     return tables
 
 
-def _show(value: float | None) -> str:
-    return "–" if value is None or math.isnan(value) else f"{value:.3g}"
+def _show(value: float) -> str:
+    return UNKNOWN if math.isnan(value) else f"{value:.3g}"

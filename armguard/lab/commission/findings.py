@@ -70,17 +70,11 @@ def commission(seen: Observations) -> Findings:
     if not stops:
         what = "no STOP while a joint moved is in the recording" if not seen.stops else "none of it"
         missing.append(f"latency, reaction time and stopping times: {what}")
-    brakes = {
-        name: _list_entries(
-            [stop for stop in stops if stop.joint == name],
-            sum(one.joint == name for one in unmeasured),
-            seen.payload,
-        )
-        for name in joints
-        if any(stop.joint == name for stop in stops)
-    }
-    limits, errors = {}, {}
+    brakes, limits, errors = {}, {}, {}
     for joint, name in enumerate(joints):
+        if own := [stop for stop in stops if stop.joint == name]:
+            open_count = sum(one.joint == name for one in unmeasured)
+            brakes[name] = _list_entries(own, open_count, seen.payload)
         if name not in brakes:
             missing.append(f"{name}, brakes: no STOP while it was fast enough to be measured")
         elif all(entry.deceleration == 0.0 for entry in brakes[name]):

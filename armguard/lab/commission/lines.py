@@ -36,18 +36,17 @@ def write_cell_lines(found: Findings) -> str:
         lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
     if found.limits:
         robot = seen.robot
-        velocity, acceleration = [], []
-        windows, unknown = [], []
+        velocity = [float(limit) for limit in robot.velocity_limit]
+        acceleration = [float(limit) for limit in robot.acceleration_limit]
+        windows, unknown = [], list(robot.joints)
         for joint, name in enumerate(robot.joints):
-            kept = found.limits.get(name)
-            most = float(robot.velocity_limit[joint]), float(robot.acceleration_limit[joint])
-            velocity.append(most[0] if kept is None else min(most[0], round_up(kept.velocity)))
-            if kept is None or math.isnan(kept.acceleration):
-                acceleration.append(most[1])
-                unknown.append(name)
-            else:
-                acceleration.append(min(most[1], round_up(kept.acceleration)))
+            if (kept := found.limits.get(name)) is None:
+                continue
+            velocity[joint] = min(velocity[joint], round_up(kept.velocity))
+            if not math.isnan(kept.acceleration):
+                acceleration[joint] = min(acceleration[joint], round_up(kept.acceleration))
                 windows.append(f"{1e3 * kept.window:.3g}")
+                unknown.remove(name)
         how = []
         if windows:
             how.append(f"within {', '.join(windows)} ms; what is shorter may be missed")
@@ -109,12 +108,11 @@ def write_robot_lines(found: Findings) -> str:
         for entry in entries:
             lines += _write_entry(name, entry)
     if found.tracking is not None:
-        for title, errors_of in (
-            ("tracking_error", found.tracking.position),
-            ("velocity_tracking_error", found.tracking.velocity),
+        for title, errors_of in zip(
+            ("tracking_error", "velocity_tracking_error"), found.tracking, strict=True
         ):
-            listed = ", ".join(str(round_up(float(error))) for error in errors_of)
-            lines += ["", f"# {title} of plans, by joint: [{listed}]"]
+            listed = [round_up(float(error)) for error in errors_of]
+            lines += ["", f"# {title} of plans, by joint: {listed}"]
     return "\n".join(lines) + "\n"
 
 

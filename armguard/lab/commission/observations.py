@@ -144,7 +144,10 @@ def observe(recording: Recording) -> Observations:
             name: SourceObservations(
                 np.array([stamp for stamp, _ in sent]),
                 np.array([came - stamp for stamp, came in sent]),
-                {id: _split(np.array(track)) for id, track in seen[name].items()},
+                {
+                    body: (rows[:, 0], rows[:, 1:])
+                    for body, rows in ((id, np.array(track)) for id, track in seen[name].items())
+                },
                 float(timeouts.get(name) or settings["source_timeout"]),
             )
             for name, sent in messages.items()
@@ -188,7 +191,3 @@ def _find_plan_ends(
             ends.append(plans[number + 1][1].stamp)
         accepted.append(PlanAccepted(plan, min(ends)))
     return accepted
-
-
-def _split(track: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return track[:, 0], track[:, 1:]

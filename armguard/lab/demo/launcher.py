@@ -3,7 +3,7 @@
     perception ──obstacles──▶ armguard run ──verdicts──▶ robot
                                  ▲    │                    │
                                  └────┼──────joints────────┘
-                                      └──frames──▶ view, and the table here
+                                      └──frames──▶ view
 
 Nothing here is a short cut: `armguard run` gets a cell file and addresses, as in a real cell.
 """
@@ -28,7 +28,7 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.demo import nodes
 from armguard.lab.demo.places import find_place
 from armguard.lab.demo.watcher import Watcher
-from armguard.lab.simulation.processes import start_monitor
+from armguard.lab.simulation.processes import start_device, start_monitor
 from armguard.lab.simulation.sources import ObstacleSource
 from armguard.recording.recorder import check_new
 from armguard.robot.description import (
@@ -143,8 +143,8 @@ def run_demo(wishes: cli.Demo) -> int:
         )
         arm = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed, robot=robot)
         parts = {
-            "perception": nodes.start(perception, errors),
-            "robot": nodes.start(arm, errors),
+            "perception": start_device(perception, errors),
+            "robot": start_device(arm, errors),
         }
         for node in parts.values():
             resources.enter_context(_ending(node))
@@ -167,7 +167,7 @@ def run_demo(wishes: cli.Demo) -> int:
             tell_premises()
             return page
 
-        watcher = Watcher(monitor, parts, log, console, live=not wishes.json)
+        watcher = Watcher(monitor, parts, log, console)
         summary, problem = watcher.run(frames, open_page if wants_page else None)
     if summary is not None:
         if wishes.json:

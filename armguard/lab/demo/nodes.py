@@ -7,10 +7,9 @@ both end by themselves when their parent has gone.
 from __future__ import annotations
 
 import math
-import subprocess
 import time
 from collections.abc import Sequence
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,7 +18,7 @@ from armguard.lab.demo.places import Place, find_place
 from armguard.lab.simulation.arm import SimulatedArm
 from armguard.lab.simulation.balls import WanderingBalls
 from armguard.lab.simulation.person import DURATIONS, ProceduralPerson
-from armguard.lab.simulation.processes import run_device, start_device
+from armguard.lab.simulation.processes import run_device
 from armguard.lab.simulation.recordings import place_recording
 from armguard.lab.simulation.sources import ObstacleSource
 from armguard.lab.simulation.trajectory import JointTrajectory, plan_work
@@ -175,16 +174,6 @@ def _wait_for_monitor(verdicts: str) -> None:
     with VerdictReader(verdicts) as reader:
         while reader.latest(timeout=0.1) is None:
             pass
-
-
-def start(node: Perception | RobotNode, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a node as a process of its own, which ends with this one.
-
-    Args:
-        node: What it is to do.
-        log: Where it writes what goes wrong.
-    """
-    return start_device("armguard.lab.demo.nodes", node, log)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Watches the demo's processes: shows what the monitor sees, and says which of them has died.
+"""Watches the demo's processes: shows what they say, and which of them has died.
 
 A monitor must go on without its observers, and does. A demo without its robot or its perception
 shows nothing but STOP, so it ends, and says why.
@@ -17,19 +17,14 @@ from typing import Any
 import msgspec
 import zmq
 from rich.console import Console
-from rich.live import Live
 from rich.status import Status
-from rich.table import Table
-from rich.text import Text
 
 from armguard.app.processes import describe_end, noted_interrupts
-from armguard.app.summary import COLORS
 from armguard.jit.progress import COMPILING
-from armguard.view.messages import FrameMessage, decode_message
 from armguard.view.process import ViewProcess
 
 REFRESH = 0.1
-"""Between two drawings of the table, in [s]."""
+"""Between two looks at the processes, in [s]."""
 
 END_TIMEOUT = 10.0
 """How long the monitor may take to end each time it is asked to, in [s]."""
@@ -45,7 +40,6 @@ class Watcher:
         parts: The other processes that the demo cannot do without, by name.
         log: File that all of them write to when something is wrong.
         console: Where to show it.
-        live: Show the live table.
     """
 
     def __init__(
@@ -54,8 +48,6 @@ class Watcher:
         parts: Mapping[str, subprocess.Popen[bytes]],
         log: Path,
         console: Console,
-        *,
-        live: bool,
     ) -> None:
         self._monitor = monitor
         self._parts = parts
@@ -63,17 +55,16 @@ class Watcher:
         self._log = log
         self._told = 0
         self._console = console
-        self._live = live
         self._waiting: Status | None = None
         """What is shown on a terminal until the first frame comes."""
 
     def run(
         self, frames: str, open_page: Callable[[], ViewProcess] | None = None
     ) -> tuple[dict[str, Any] | None, str]:
-        """Show what the feed at `frames` says until the end, or Ctrl-C.
+        """Wait for the end, or Ctrl-C.
 
         Args:
-            frames: Address of the feed.
+            frames: Address of the feed of frames, the first of which ends the start.
             open_page: Starts the view, while a Ctrl-C is already answered by a summary. The demo
                 goes on without a view that ends.
 
@@ -87,7 +78,7 @@ class Watcher:
         try:
             if open_page is not None:
                 self._page = open_page()
-            problem = self._show(frames)
+            problem = self._wait(frames)
         except KeyboardInterrupt:
             interrupted = True
         output = self._end_monitor()
@@ -105,8 +96,8 @@ class Watcher:
         end = f"the monitor ended {describe_end(code)}"
         return None, problem or (f"{end}: {words}" if words else end)
 
-    def _show(self, frames: str) -> str:
-        """Show frames until the monitor or another process ends; the reason, if it is a problem.
+    def _wait(self, frames: str) -> str:
+        """Wait until the monitor or another process ends; the reason, if it is a problem.
 
         An interrupt is noted, and raised when the socket is closed: one that is raised while ZeroMQ
         makes a socket leaves that open, and then the context never ends.
@@ -126,7 +117,7 @@ class Watcher:
         return self._describe_death()
 
     def _follow(self, reader: zmq.Socket[bytes], ended: Callable[[], bool]) -> None:
-        """Show the frames of a feed until the demo has ended."""
+        """Show that it starts until the first frame of a feed, and wait until it has ended."""
         if not self._console.is_terminal:
             self._console.print(WAITING)
         with self._console.status(WAITING) as waiting:
@@ -134,15 +125,8 @@ class Watcher:
             while not ended() and not reader.poll(round(1000 * REFRESH)):
                 pass
             self._waiting = None
-        table = Live(console=self._console, auto_refresh=False, transient=True)
-        live = self._live and self._console.is_terminal
-        with table if live else contextlib.nullcontext():
-            while not ended():
-                if reader.poll(round(1000 * REFRESH)):
-                    message = decode_message(reader.recv())
-                    if live and isinstance(message, FrameMessage):
-                        table.update(draw_frame(message, self._console.width), refresh=True)
-                time.sleep(REFRESH)
+        while not ended():
+            time.sleep(REFRESH)
 
     def _ended(self) -> bool:
         self._tell_log()
@@ -175,7 +159,7 @@ class Watcher:
         """Show what the processes wrote since it was last read."""
         words = self._read_log()
         if words:
-            sys.stderr.write(f"{words}\n")  # Rich puts it above its table
+            sys.stderr.write(f"{words}\n")
 
     def _read_log(self) -> str:
         """What was added since it was last read; a line that is still being written waits."""
@@ -189,19 +173,3 @@ class Watcher:
         if progress and self._waiting is not None:
             self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
         return "\n".join(line for line in words if COMPILING not in line)
-
-
-def draw_frame(frame: FrameMessage, width: int) -> Table:
-    """The live table, at most `width` characters wide."""
-    verdict, load = frame.verdict, frame.load
-    table = Table(title=f"armguard, {frame.now:.1f} s", show_header=False, width=min(78, width))
-    table.add_row("level", Text(verdict.level, COLORS[verdict.level]))
-    table.add_row("contact time", f"{verdict.contact_time:.3f} s")
-    table.add_row("stop time", f"{verdict.stop_time:.3f} s")
-    table.add_row("allowed speed", f"{100.0 * verdict.speed_scale:.0f} %")
-    table.add_row("pair", f"{verdict.link} and {verdict.obstacle}" if verdict.link else "none")
-    if load is not None:
-        table.add_row("evaluations", str(load.evaluated))
-        table.add_row("tick p50 / p99", f"{1e6 * load.p50:.0f} / {1e6 * load.p99:.0f} µs")
-    table.add_row("why", "; ".join(verdict.reasons))
-    return table

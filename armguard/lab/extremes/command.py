@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import collections
 import sys
 
 from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
-from armguard.lab.extremes.line import UNSOUND
-from armguard.lab.extremes.report import summarise, write_page
-from armguard.lab.extremes.rows import CASES, Extent, measure_rows
+from armguard.lab.extremes.evaluations import Evaluations, list_evaluations
+from armguard.lab.extremes.report import UNSOUND, Line, summarise, write_page
+from armguard.lab.extremes.ticks import Case, list_cases
 from armguard.lab.pages import check_page, write_files
-from armguard.lab.study_facts import is_by_rows, list_facts, open_rows, show_progress, tell_command
+from armguard.lab.study_facts import Tell, list_facts, show_progress, tell_command
 
 
 def run(wishes: cli.Extremes) -> int:
@@ -23,7 +22,7 @@ def run(wishes: cli.Extremes) -> int:
         wishes: What the command line says.
 
     Raises:
-        ArmguardError: The page cannot be written, or lines cannot be measured where they are to be.
+        ArmguardError: The page cannot be written.
         KeyboardInterrupt: It came before there was anything to show.
     """
     out, seed = wishes.out, wishes.seed
@@ -31,22 +30,17 @@ def run(wishes: cli.Extremes) -> int:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
     if out is not None:
         check_page(out)
-    elif is_by_rows(wishes):
-        raise ArmguardError("--out", "is needed: lines are kept beside it", expected="a file")
-    study = {"study": "extremes", "cases": str(CASES), "seed": str(seed)}
-    folder = None if out is None else out.with_name(f"{out.name}.kept")
-    with open_rows(wishes, folder, study) as rows, show_progress() as tell:
-        lines, is_whole = measure_rows(Extent(seed), rows, tell)
+    lines: list[Line] = []
+    is_whole = True
+    with show_progress() as tell:
+        try:
+            measure_all(seed, lines, tell)
+        except KeyboardInterrupt:
+            is_whole = False
     if not lines:
         raise KeyboardInterrupt
     facts = [f"{name.capitalize()}: {fact}" for name, fact in list_facts(seed).items()]
-    machines = collections.Counter(line.machine for line in lines if line.machine)
-    if machines:
-        counted = (f"{count} lines on {machine}" for machine, count in sorted(machines.items()))
-        facts.append(f"Measured: {', '.join(counted)}")
-    page = write_page(lines, tell_command(), facts)
-    if not is_whole:
-        page = page.replace("\n##", "\nInterrupted: what is missing had not begun.\n\n##", 1)
+    page = write_page(lines, tell_command(), facts, is_whole=is_whole)
     if out is None:
         sys.stdout.write(page)
     else:
@@ -57,3 +51,11 @@ def run(wishes: cli.Extremes) -> int:
         complain("a contact time was later than a contact that is possible: please report it")
         return COMPLAINT
     return 0
+
+
+def measure_all(seed: int, lines: list[Line], tell: Tell) -> None:
+    """Add the lines of all cases, in their order."""
+    cases: list[Evaluations | Case] = [*list_evaluations(), *list_cases()]
+    for number, case in enumerate(cases):
+        tell(f"{case.group}: {case.name}", number / len(cases))
+        lines.append(case.measure(seed))

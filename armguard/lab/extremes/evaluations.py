@@ -12,13 +12,14 @@ import numpy as np
 
 from armguard.contact import earliest_contact_pair
 from armguard.lab.extremes.exact import Course, FreePair, HeadOn
-from armguard.lab.extremes.line import SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import SOUND, UNSOUND, Line
 
 DECADES = (-6, -3, 0, 3, 6)
 LATEST = 1e9
 """Contacts that are later are not compared, in [s]."""
 
-REPEATS = 200
+COUNT, REPEATS = 50, 200
+"""Of the cases of a line, and how often each is evaluated to be timed."""
 
 
 class Case(NamedTuple):
@@ -28,22 +29,23 @@ class Case(NamedTuple):
     exact: FreePair | HeadOn
 
 
-def list_evaluations() -> list[str]:
-    """Names of all lines."""
-    return [f"{group}: {case}" for group, case, _ in _list_groups()]
+class Evaluations(NamedTuple):
+    """A line of single evaluations."""
+
+    group: str
+    name: str
+    make: Callable[[np.random.Generator], Case]
+    """Draws a case."""
+
+    def measure(self, seed: int, count: int = COUNT) -> Line:
+        """Evaluate so many cases."""
+        random = np.random.default_rng(seed)
+        return _measure(self.group, self.name, [self.make(random) for _ in range(count)])
 
 
-def measure_evaluation(number: int, cases: int, seed: int) -> Line:
-    """One line.
-
-    Args:
-        number: Its place in `list_evaluations`.
-        cases: How many are evaluated.
-        seed: Of them.
-    """
-    group, case, make = list(_list_groups())[number]
-    random = np.random.default_rng(seed)
-    return _measure(group, case, [make(random) for _ in range(cases)])
+def list_evaluations() -> list[Evaluations]:
+    """All lines."""
+    return [Evaluations(*one) for one in _list_groups()]
 
 
 def _list_groups() -> Iterator[tuple[str, str, Callable[[np.random.Generator], Case]]]:

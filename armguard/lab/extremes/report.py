@@ -1,12 +1,34 @@
-"""The page of extremes, in Markdown."""
+"""What became of each case at the extremes, and the page that tells it, in Markdown."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from armguard.lab.extremes.line import REFUSED, UNSOUND, Line
-from armguard.lab.pages import UNKNOWN, write_table
+from armguard.lab.pages import UNKNOWN, list_lines, write_table
+
+SOUND, UNSOUND, REFUSED = "sound", "UNSOUND", "refused"
+"""What became of a case."""
+
+
+class Line(NamedTuple):
+    """What became of one case."""
+
+    group: str
+    case: str
+    outcome: str
+    """`SOUND`, `UNSOUND` or `REFUSED`."""
+    tight: float = float("nan")
+    """Contact time over the exact one, or over an adversary's first contact, in the median; NaN
+    where there is nothing to compare."""
+    worst: float = float("nan")
+    """The least of these."""
+    price: float = float("nan")
+    """Of an evaluation or of a tick, in the median, in [µs]."""
+    note: str = ""
+    """Against what, or why refused."""
+
 
 HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5)
 """Of the table, and which of its columns are of words."""
@@ -24,20 +46,25 @@ What armguard does far away from everyday numbers, as `{command}` found it.
 """  # noqa: E501  # a paragraph of Markdown is one line
 
 
-def write_page(lines: Sequence[Line], command: str, facts: Sequence[str]) -> str:
+def write_page(
+    lines: Sequence[Line], command: str, facts: Sequence[str], *, is_whole: bool = True
+) -> str:
     """The whole page.
 
     Args:
         lines: What was found.
         command: What was called.
         facts: Machine, versions and seed.
+        is_whole: Whether no line is missing.
     """
     text = HEAD.format(command=command, summary=summarise(lines))
+    if not is_whole:
+        text += "\nInterrupted: what is missing had not begun.\n"
     for group in dict.fromkeys(line.group for line in lines):
         text += f"\n## {group.capitalize()}\n\n"
         rows = [_list_cells(line) for line in lines if line.group == group]
         text += "\n".join(write_table(HEADS, rows, WORDS)) + "\n"
-    return text + "\n" + "\n".join(f"- {fact}" for fact in facts) + "\n"
+    return f"{text}\n{list_lines(facts)}"
 
 
 def summarise(lines: Sequence[Line]) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.extremes.adversary import Adversary, Body
 from armguard.lab.extremes.arms import make_arm
-from armguard.lab.extremes.line import REFUSED, SOUND, UNSOUND, Line
-from armguard.lab.tradeoff.adversary import Adversary, Body
+from armguard.lab.extremes.report import REFUSED, SOUND, UNSOUND, Line
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.robot import Robot
@@ -54,6 +54,13 @@ class Case(NamedTuple):
     settings: Mapping[str, Any] = {}  # nobody writes to it
     """Of `Monitor`."""
 
+    def measure(self, seed: int) -> Line:
+        """The line of this case."""
+        try:
+            return _measure(self, seed)
+        except ArmguardError as error:
+            return Line(self.group, self.name, REFUSED, note=str(error))
+
 
 def list_cases() -> list[Case]:
     """All of them."""
@@ -86,14 +93,6 @@ def list_cases() -> list[Case]:
                near if count < 5 else (1.6, 0.0, 0.5))
           for count in (1, 2, 4, 7, 10, 14)),
     ]  # fmt: skip
-
-
-def measure_case(case: Case, seed: int) -> Line:
-    """The line of a case."""
-    try:
-        return _measure(case, seed)
-    except ArmguardError as error:
-        return Line(case.group, case.name, REFUSED, note=str(error))
 
 
 @functools.cache

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.nodes import STEP, read_rows
-from armguard.lab.faults.outcome import Outcome, find_detection, measure_silence
+from armguard.lab.faults.outcome import Outcome, find_detection
 from armguard.lab.faults.scene import (
     LATENCY,
     ROBOT,
@@ -36,8 +36,8 @@ from armguard.lab.faults.scene import (
 )
 from armguard.lab.faults.session import FaultyCell
 from armguard.lab.faults.truth import Closest, Witness
-from armguard.lab.rows import Tell
 from armguard.lab.simulation.trajectory import JointTrajectory
+from armguard.lab.study_facts import Tell
 from armguard.robot.robot import Robot
 from armguard.verdict import Effect, ReasonKind
 
@@ -77,16 +77,6 @@ class Trial(NamedTuple):
     was_tried: bool = True
     """Whether the fault was made: not where the cell did not get sound, or the arm did not move,
     before."""
-
-
-class Recovery(NamedTuple):
-    """How a cell got sound."""
-
-    sound: float | None
-    """When, on the machine's monotonic clock, in [s]; None: it did not."""
-    resets: int
-    latched: frozenset[ReasonKind]
-    """What was latched before them."""
 
 
 class Replayed(NamedTuple):
@@ -169,12 +159,12 @@ def make_trial(cell: FaultyCell, fault: Fault, period: float) -> Trial:
     _sleep_until(begin + fault.duration)
     end_it()
     end = time.monotonic()
-    recovery = _recover(cell, end, end + PATIENCE)
-    if recovery.sound is not None:
+    sound, resets, latched = _recover(cell, end, end + PATIENCE)
+    if sound is not None:
         # The arm is to be seen at work, however long the machine took.
-        _await_motion(cell, recovery.sound + PATIENCE)
-    foreign = sorted(kind.text for kind in recovery.latched if kind.name not in fault.signs)
-    return Trial(fault, begin, end, recovery.sound, recovery.resets, tuple(foreign))
+        _await_motion(cell, sound + PATIENCE)
+    foreign = sorted(kind.text for kind in latched if kind.name not in fault.signs)
+    return Trial(fault, begin, end, sound, resets, tuple(foreign))
 
 
 def judge(
@@ -208,7 +198,7 @@ def judge(
         found = find_detection(
             fault, begin, trial.end + SIGNS_UNTIL, cell.verdicts.heard, cell.lines, truth
         )
-        missing, silence = measure_silence(cell.verdicts.silences, begin, until)
+        missing = sum(count for now, count in cell.verdicts.missing if begin <= now <= until)
         outcomes.append(
             Outcome(
                 fault,
@@ -227,7 +217,6 @@ def judge(
                     only_first=True,
                 ),
                 missing,
-                silence,
                 trial.was_tried,
             )
         )
@@ -276,7 +265,7 @@ def _await_visit(cell: FaultyCell, period: float) -> float | None:
     """When a visit begins, in [s], that finds a cell that is sound and was at work; None: none."""
     deadline = time.monotonic() + PATIENCE
     while (now := time.monotonic()) < deadline:
-        if _recover(cell, now, deadline).sound is None or not _await_motion(cell, deadline):
+        if _recover(cell, now, deadline)[0] is None or not _await_motion(cell, deadline):
             break
         begin = _next_visit(cell.start, period)
         _sleep_until(begin - SOUND_FOR)
@@ -285,14 +274,20 @@ def _await_visit(cell: FaultyCell, period: float) -> float | None:
     return None
 
 
-def _recover(cell: FaultyCell, end: float, deadline: float) -> Recovery:
-    """Wait until nothing is wrong by a verdict later than `end` [s]; reset what is latched."""
+def _recover(
+    cell: FaultyCell, end: float, deadline: float
+) -> tuple[float | None, int, set[ReasonKind]]:
+    """Wait until nothing is wrong by a verdict later than `end` [s]; reset what is latched.
+
+    Returns:
+        When that was, in [s], None: it did not come; how many resets it took, and of what.
+    """
     log = cell.verdicts
     resets, next_reset = 0, end
     latched: set[ReasonKind] = set()
     while (now := time.monotonic()) < deadline:
         if log.last_time > end and log.is_sound(now, LATENCY):
-            return Recovery(now, resets, frozenset(latched))
+            return now, resets, latched
         kinds = log.heard[-1].kinds if log.heard else frozenset()
         found = {kind for kind in kinds if kind.effect is Effect.LATCHED}
         if now >= next_reset and found:
@@ -300,7 +295,7 @@ def _recover(cell: FaultyCell, end: float, deadline: float) -> Recovery:
             cell.reset()
             resets, next_reset = resets + 1, now + RESET_INTERVAL
         time.sleep(LOOK_INTERVAL)
-    return Recovery(None, resets, frozenset(latched))
+    return None, resets, latched
 
 
 def _await_motion(cell: FaultyCell, deadline: float) -> bool:

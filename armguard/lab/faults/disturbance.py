@@ -20,24 +20,16 @@ import numpy as np
 from armguard.messages.incoming import AnyMessage, JointsMessage, ObstaclesMessage, encode
 from armguard.streams.nodes import Publisher
 
-Kind = Literal[
-    "set",
-    "drop",
-    "late",
-    "delay",
-    "swap",
-    "repeat",
-    "clock",
-    "drift",
-    "teleport",
-    "exchange",
-    "frame",
-    "shorten",
-    "static",
-    "crowd",
-    "flood",
-]
+Sending = Literal["drop", "late", "delay", "swap", "repeat"]
+"""What happens to when a message is sent, and how often."""
 
+Content = Literal["set", "clock", "drift", "frame", "shorten", "exchange", "teleport"]
+"""What happens to what it says."""
+
+Addition = Literal["static", "crowd", "flood"]
+"""What a camera sends besides."""
+
+Kind = Literal[Sending, Content, Addition]
 
 _FLOOD_SHARE = 100
 """Messages between two looks at the clock in a flood."""
@@ -83,16 +75,15 @@ def disturb(
     is_second = number % 2 == 1
     if not isinstance(message, ObstaclesMessage | JointsMessage):
         return [(now, message)]
-    if kind == "drop":
-        return []
-    if kind == "late":
-        return [(now + amount, message)]
-    if kind == "delay":
-        return [(now + chance.uniform(0.0, amount), message)]
-    if kind == "swap":
-        return [(now if is_second else now + amount, message)]
-    if kind == "repeat":
-        return [(now, message)] * 2
+    sending = {
+        "drop": [],
+        "late": [amount],
+        "delay": [chance.uniform(0.0, amount)],
+        "swap": [0.0 if is_second else amount],
+        "repeat": [0.0, 0.0],
+    }
+    if kind in sending:
+        return [(now + delay, message) for delay in sending[kind]]
     replace = msgspec.structs.replace
     if kind == "clock":
         message = replace(message, stamp=message.stamp + amount)

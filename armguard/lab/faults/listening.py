@@ -19,9 +19,6 @@ from armguard.verdict import Level, Reason, ReasonKind, Verdict
 POLL_INTERVAL = 50
 """Between two looks whether listening is over, in [ms]."""
 
-NOTICEABLE = 0.02
-"""Silence between two verdicts from which on it is kept, in [s]."""
-
 USUAL = frozenset(
     {
         ReasonKind.CONTACT,
@@ -49,15 +46,6 @@ class Heard(NamedTuple):
         return frozenset(reason.kind for reason in self.reasons)
 
 
-class Silence(NamedTuple):
-    """A time without verdicts, in [s]."""
-
-    begin: float
-    end: float
-    missing: int
-    """Verdicts that were made meanwhile, by their numbers, and never heard."""
-
-
 class VerdictLog:
     """Hears all verdicts in a thread of its own; a context.
 
@@ -67,7 +55,9 @@ class VerdictLog:
 
     def __init__(self, address: str) -> None:
         self.heard: list[Heard] = []
-        self.silences: list[Silence] = []
+        self.missing: list[tuple[float, int]] = []
+        """When verdicts were found not to have been heard, in [s], and how many, by their numbers.
+        """
         self.last_time = -float("inf")
         """When a verdict was heard last."""
         self._address = address
@@ -113,9 +103,9 @@ class VerdictLog:
             context.destroy(linger=0)
 
     def _take(self, now: float, verdict: Verdict) -> None:
-        missing = max(0, verdict.sequence - self._sequence - 1) if self._sequence else 0
-        if missing or now - self.last_time > NOTICEABLE:
-            self.silences.append(Silence(self.last_time, now, missing))
+        missing = verdict.sequence - self._sequence - 1
+        if self._sequence and missing > 0:
+            self.missing.append((now, missing))
         # A monitor that was started anew counts anew.
         self._sequence = verdict.sequence
         self.last_time = now

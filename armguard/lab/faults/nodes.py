@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import time
 from pathlib import Path
-from typing import IO
 
 import msgspec
 import numpy as np
@@ -29,7 +27,7 @@ from armguard.lab.faults.scene import (
     visit_period,
 )
 from armguard.lab.simulation.arm import SimulatedArm
-from armguard.lab.simulation.processes import run_device, start_device
+from armguard.lab.simulation.processes import run_device
 from armguard.messages.incoming import ObstaclesMessage
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -192,16 +190,6 @@ def take_order(orders: LineInput, publisher: DisturbedPublisher) -> None:
 
 
 Node = Drives | Driver | Camera
-
-
-def start(node: Node, log: IO[bytes]) -> subprocess.Popen[bytes]:
-    """Start a node as a process of its own, which ends with this one.
-
-    Args:
-        node: What it is to do.
-        log: Where it writes what goes wrong.
-    """
-    return start_device("armguard.lab.faults.nodes", node, log, takes_orders=True)
 
 
 if __name__ == "__main__":

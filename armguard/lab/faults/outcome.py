@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armguard.lab.faults.catalogue import SILENCE, Fault
-from armguard.lab.faults.listening import Heard, Silence
+from armguard.lab.faults.listening import Heard
 from armguard.lab.faults.truth import Closest
 from armguard.verdict import ReasonKind
 
@@ -54,20 +53,18 @@ class Outcome(NamedTuple):
     """Of the control, the same arm that obeys nothing, on its way in the same time."""
     missing: int
     """Verdicts that were made and not heard."""
-    silence: float
-    """Longest time without a verdict; of a fault that ends the monitor, that is no loss."""
     was_tried: bool = True
     """Whether the fault was made: not on a machine on which the cell did not get so far."""
 
     @property
     def problem(self) -> str:
         """What is not as it must be; empty: nothing."""
-        if not self.was_tried:
-            return "contact" if self.obeying.contacts else ""
-        if self.fault.signs and self.detected is None:
+        if self.was_tried and self.fault.signs and self.detected is None:
             return "not detected"
         if self.obeying.contacts:
             return "contact"
+        if not self.was_tried:
+            return ""
         if self.recovered is None:
             return "not recovered"
         if not self.ignoring.contacts:
@@ -75,27 +72,6 @@ class Outcome(NamedTuple):
         if not self.obeying.moving > 0.0:
             return "the arm never moved"
         return ""
-
-    def describe(self) -> dict[str, Any]:
-        """The row as plain data."""
-        return {
-            "fault": self.fault.name,
-            "needs_sign": bool(self.fault.signs),
-            "detected_ms": _to_milliseconds(self.detected),
-            "verdict": self.level,
-            "sign": self.sign,
-            "recovered_ms": _to_milliseconds(self.recovered),
-            "resets": self.resets,
-            "other_latches": list(self.foreign),
-            "contacts": self.obeying.contacts,
-            "closest_mm": _to_millimetres(self.obeying.distance),
-            "moving": round(self.obeying.moving, 3),
-            "control_contacts": self.ignoring.contacts,
-            "verdicts_missing": self.missing,
-            "longest_silence_ms": _to_milliseconds(self.silence),
-            "tried": self.was_tried,
-            "problem": self.problem,
-        }
 
 
 def find_detection(
@@ -139,29 +115,6 @@ def find_detection(
     return min(found, default=None)
 
 
-def measure_silence(silences: Sequence[Silence], begin: float, end: float) -> tuple[int, float]:
-    """Verdicts not heard from `begin` to `end` [s], and the longest time without any, in [s]."""
-    within = [one for one in silences if one.end >= begin and one.begin <= end]
-    lengths = [
-        min(one.end, end) - max(one.begin, begin) for one in within if math.isfinite(one.begin)
-    ]
-    missing = sum(one.missing for one in within if one.end <= end)
-    return missing, max(lengths, default=0.0)
-
-
 def _level_at(heard: Sequence[Heard], time: float) -> str:
     """The level of the verdict that was in force."""
-    level = "none"
-    for one in heard:
-        if one.time > time:
-            break
-        level = one.level.name
-    return level
-
-
-def _to_milliseconds(seconds: float | None) -> float | None:
-    return None if seconds is None else round(1e3 * seconds, 1)
-
-
-def _to_millimetres(metres: float) -> float | None:
-    return round(1e3 * metres, 1) if math.isfinite(metres) else None
+    return next((one.level.name for one in reversed(heard) if one.time <= time), "none")

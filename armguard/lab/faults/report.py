@@ -12,8 +12,7 @@ from armguard.lab.faults.campaign import PATIENCE, CampaignReport
 from armguard.lab.faults.outcome import Outcome
 from armguard.lab.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
 from armguard.lab.pages import write_table
-from armguard.lab.study_facts import describe_machine, describe_versions
-from armguard.recording.provenance import describe_software
+from armguard.lab.study_facts import list_facts
 from armguard.streams.faults import quote
 
 COLUMNS = (
@@ -66,9 +65,7 @@ def list_cells(outcome: Outcome) -> list[str]:
 
 def draw_table(report: CampaignReport) -> Table:
     """The table for a terminal; what is not as it must be stands out."""
-    table = Table(title="faults", caption=summarise(report))
-    for column in COLUMNS:
-        table.add_column(column)
+    table = Table(*COLUMNS, title="faults", caption=summarise(report))
     for outcome in report.outcomes:
         cells = [cell.replace("**", "") for cell in list_cells(outcome)]
         table.add_row(*cells, style="red" if outcome.problem else None)
@@ -85,8 +82,7 @@ def write_page(report: CampaignReport) -> str:
         + (f", with {one.lost} events lost" if one.lost else ", nothing lost")
         for one in report.replayed
     ]
-    software = describe_software()
-    machine = f"{describe_machine(software)}; {describe_versions(software)}"
+    machine = "; ".join(list_facts().values())
     setting = (
         f"{len(report.outcomes)} faults in {report.duration / 60.0:.1f} minutes at 1 kHz on "
         f"{machine}. In the cell file: latency {1e3 * LATENCY:.0f} ms, joint_timeout "
@@ -120,18 +116,15 @@ def summarise(report: CampaignReport) -> str:
 
 
 def describe(report: CampaignReport) -> dict[str, Any]:
-    """The report as plain data, for `--json`."""
-    software = describe_software()
+    """The report as records and plain data in SI units, for `--json`."""
+    faults = [one._asdict() | {"problem": one.problem} for one in report.outcomes]
     return {
-        "machine": describe_machine(software),
-        "versions": describe_versions(software),
+        **list_facts(),
         "passed": report.passed,
-        "seconds": round(report.duration, 1),
-        "contacts": report.whole.contacts,
-        "closest_mm": round(1e3 * report.whole.distance, 1),
-        "moving": round(report.whole.moving, 3),
-        "faults": [outcome.describe() for outcome in report.outcomes],
-        "recordings": [one._asdict() for one in report.replayed],
+        "seconds": report.duration,
+        **report.whole._asdict(),
+        "faults": [one | {"fault": one["fault"].name} for one in faults],
+        "recordings": report.replayed,
     }
 
 

@@ -30,7 +30,7 @@ from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.listening import LineLog, VerdictLog
 from armguard.lab.faults.scene import CELL, ROBOT
-from armguard.lab.simulation.processes import start_monitor
+from armguard.lab.simulation.processes import start_device, start_monitor
 from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher
 from armguard.view.process import ViewProcess, launch
@@ -60,7 +60,6 @@ class FaultyCell:
     Attributes:
         start: When the people were farthest, on the machine's monotonic clock, in [s].
         verdicts: What is heard of the monitor.
-        summaries: What each monitor that came to its end said of its run.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -70,7 +69,6 @@ class FaultyCell:
         self.recordings.mkdir()
         self.start = time.monotonic()
         self.verdicts = VerdictLog(self._address("verdicts"))
-        self.summaries: list[dict[str, object]] = []
         self._joints = len(Robot.load(ROBOT).joints)
         self._cell = folder / "cell.toml"
         self._cell.write_text(CELL)
@@ -114,7 +112,7 @@ class FaultyCell:
         """End a latched STOP."""
         self._reset.reset(TOKEN)
 
-    def strike(self, fault: Fault, begin: float) -> Callable[[], None]:
+    def strike(self, fault: Fault, begin: float) -> Callable[[], object]:
         """Do what a fault does.
 
         Args:
@@ -136,9 +134,8 @@ class FaultyCell:
             assert orders is not None
             orders.write(msgspec.json.encode(disturbance) + b"\n")
             orders.flush()
-            return _nothing
-        while time.monotonic() < begin:
-            time.sleep(0.001)
+            return lambda: None  # it ends by itself
+        time.sleep(max(0.0, begin - time.monotonic()))
         if fault.act == "hang":
             return self._hang_browser()
         pid = self._find(fault.part)
@@ -193,7 +190,7 @@ class FaultyCell:
             "driver": nodes.Driver(joints=self._address("joints"), truth=str(self.truth)),
             "camera": nodes.Camera(obstacles=self._address("obstacles"), start=self.start),
         }
-        self._processes[name] = nodes.start(made[name], self._log)
+        self._processes[name] = start_device(made[name], self._log, takes_orders=True)
 
     def _start_view(self) -> None:
         self._view = launch(self._address("view"))
@@ -224,7 +221,7 @@ class FaultyCell:
             _dispose(self._processes.pop(part))
             self._start_node(part)
 
-    def _hang_browser(self) -> Callable[[], None]:
+    def _hang_browser(self) -> Callable[[], object]:
         """Open the page's stream as a browser does, and never read from it."""
         assert self._view is not None
         page = urlsplit(self._view.url)
@@ -255,10 +252,6 @@ class FaultyCell:
             monitor.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 monitor.wait(END_TIMEOUT)
-                assert monitor.stdout is not None
-                output = monitor.stdout.read()
-                if output.startswith(b"{"):
-                    self.summaries.append(msgspec.json.decode(output))
             _dispose(monitor)
         for process in self._processes.values():
             _dispose(process)
@@ -275,11 +268,7 @@ def _dispose(process: subprocess.Popen[bytes]) -> None:
             pipe.close()
 
 
-def _nothing() -> None:
-    """End a disturbance: it ends by itself."""
-
-
-def _slow_down(pid: int, end: float) -> Callable[[], None]:
+def _slow_down(pid: int, end: float) -> Callable[[], object]:
     """Let a process go on for a small share of its time, as one does that waits for a disk."""
     while (now := time.monotonic()) < end:
         goes_on = now % SLOW_CYCLE < SLOW_SHARE * SLOW_CYCLE
@@ -288,12 +277,8 @@ def _slow_down(pid: int, end: float) -> Callable[[], None]:
     return lambda: os.kill(pid, signal.SIGCONT)
 
 
-def _fill_disk(pid: int) -> Callable[[], None]:
+def _fill_disk(pid: int) -> Callable[[], object]:
     """Let no file of a process grow, as on a disk that is full."""
     limits = resource.prlimit(pid, resource.RLIMIT_FSIZE)
     resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, limits[1]))
-
-    def empty_disk() -> None:
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
-
-    return empty_disk
+    return lambda: resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)

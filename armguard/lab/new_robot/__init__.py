@@ -1,6 +1,6 @@
 """`armguard robot new`: a robot.toml and a proved cover for an arm of one's own, from its URDF.
 
 `sources` finds the files, `limits` what the model file has and what is usual where it has nothing,
-`questions` asks for the rest, `text` writes robot.toml, `costs` says what each choice costs in
-STOP, and `command` does all of it in turn.
+`questions` asks for the rest, `text` writes robot.toml, and `command` does all of it in
+turn.
 """

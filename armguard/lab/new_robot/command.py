@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
 import tempfile
 import tomllib
@@ -12,11 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from armguard.app import cli
-from armguard.app.processes import complain
-from armguard.app.terminal import make_console, make_table, print_json
+from armguard.app.terminal import make_console, print_json
 from armguard.cover.cover import Cover
 from armguard.cover.report import CoverReport
-from armguard.exceptions import ArmguardError, RobotError
+from armguard.exceptions import RobotError
 from armguard.jit.progress import following
 from armguard.lab.covers import (
     UNPROVED,
@@ -26,13 +24,6 @@ from armguard.lab.covers import (
     show_report,
 )
 from armguard.lab.covers import describe as describe_cover
-from armguard.lab.new_robot.costs import (
-    WALKING_SPEED,
-    WORKING_SHARE,
-    StopFigures,
-    list_cases,
-    measure,
-)
 from armguard.lab.new_robot.limits import (
     ERROR_CHOSEN,
     LOAD,
@@ -45,19 +36,17 @@ from armguard.lab.new_robot.limits import (
 )
 from armguard.lab.new_robot.questions import (
     GIVEN,
+    KINDS,
     Asker,
     Figure,
     Question,
     match,
     put_general_first,
     read_amount,
-    read_number,
-    read_range,
     read_signed,
 )
 from armguard.lab.new_robot.sources import URDF, UrdfSource, find_urdf
 from armguard.lab.new_robot.text import NewRobot, list_choices, write_text
-from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.description import (
     COVER,
     DESCRIPTION,
@@ -73,46 +62,9 @@ from armguard.robot.urdf import UrdfModel
 DRAWN = "drawn"
 """Answer that takes what a link is drawn with for its collision geometry."""
 
-QUESTIONS: dict[str, tuple[str, str, Callable[[str, str], Any]]] = {
-    "position": ("position limits [rad or m]", "no joint ever leaves them", read_range),
-    "velocity": ("velocity limits [rad/s or m/s]", "no joint is ever faster", read_number),
-    "acceleration": (
-        "acceleration limits [rad/s² or m/s²]",
-        "no joint ever speeds up or slows down harder, emergency stops included",
-        read_number,
-    ),
-    "deceleration": (
-        "guaranteed decelerations [rad/s² or m/s²]",
-        "a stop with that load is never gentler, from whatever speed",
-        read_number,
-    ),
-    "operating_velocity": (
-        "operating velocities [rad/s or m/s]",
-        "the controller keeps to them at work",
-        read_number,
-    ),
-    "operating_acceleration": (
-        "operating accelerations [rad/s² or m/s²]",
-        "the controller speeds joints up no harder at work",
-        read_number,
-    ),
-    "position_error": (
-        "position errors [rad or m]",
-        "no measured state is off by more",
-        read_amount,
-    ),
-    "velocity_error": (
-        "velocity errors [rad/s or m/s]",
-        "no measured state is off by more",
-        read_amount,
-    ),
-}
-"""Of each joint, by field of the command: what is asked for, what the answer is relied on for, and
-how it is read."""
-
 
 def run_new(wishes: cli.NewRobot) -> int:
-    """Write the folder of a new robot, and print what its choices cost; the exit code.
+    """Write the folder of a new robot, and print what in it is no data of the arm; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
@@ -132,7 +84,7 @@ def run_new(wishes: cli.NewRobot) -> int:
     if planning is not None and planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
-    costs = show_costs(Robot.load(wishes.out.absolute()), planning)
+    Robot.load(wishes.out.absolute())
     unused = () if planning is None else planning.unused
     print_json(
         lambda: {
@@ -140,7 +92,6 @@ def run_new(wishes: cli.NewRobot) -> int:
             "cover": describe_cover(report),
             "choices": list_choices(new),
             "unused": unused,
-            "costs": costs,
         }
     )
     _print(
@@ -223,20 +174,17 @@ def check_new_folder(folder: Path) -> None:
     Raises:
         RobotError: It is a file, not empty, or its parent cannot be written to.
     """
+    expected = "a new folder, or an empty one"
     try:
-        if folder.is_dir():
-            if any(folder.iterdir()):
-                raise RobotError(
-                    f"--out {folder}", "is not empty", expected="a new folder, or an empty one"
-                )
-        elif folder.exists():
-            raise RobotError(f"--out {folder}", "is a file", expected="a new folder")
-        else:
+        if not folder.is_dir():
             # Made and removed again: a fit of minutes must not end with a folder that cannot be.
             folder.mkdir(parents=True)
             folder.rmdir()
+        elif any(folder.iterdir()):
+            raise RobotError(f"--out {folder}", "is not empty", expected=expected)
     except OSError as error:
-        raise RobotError(f"--out {folder}", f"cannot be made: {error.strerror}") from error
+        problem = f"cannot be made: {error.strerror}"
+        raise RobotError(f"--out {folder}", problem, expected=expected) from error
 
 
 def ask_on_terminal(text: str) -> str:
@@ -277,7 +225,7 @@ def describe(
         given: Sequence[str] | None = None,
         of: Sequence[str] = joints,
     ) -> dict[str, Figure[Any]]:
-        question = Question(f"--{name.replace('_', '-')}", *QUESTIONS[name], known, usual)
+        question = Question(f"--{name.replace('_', '-')}", KINDS[name], known, usual)
         return asker.answer(question, of, getattr(wishes, name) if given is None else given)
 
     figures: dict[str, dict[str, Figure[Any]]] = {}
@@ -453,9 +401,7 @@ def _check_planning(file: Path | None, planning: PlanningLimits, urdf: UrdfModel
     for joint in planning.joints:
         if joint not in names:
             raise RobotError(
-                f"--joint-limits {file}",
-                f"names joint {joint!r}, which is not in the model file",
-                expected=f"joints among {', '.join(names)}",
+                f"--joint-limits {file}", f"names joint {joint!r}", expected=f"among {names}"
             )
 
 
@@ -506,61 +452,17 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
     Raises:
         RobotError: Something cannot be written; what was is removed.
     """
-    written: list[Path] = []
-
-    def put(name: str, write: Callable[[Path], object]) -> None:
-        written.append(folder / name)
-        write(folder / name)
-
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if urdf is not None:
-            put(URDF, lambda path: path.write_text(urdf, encoding="utf-8"))
-        put(COVER, cover.save)
-        put(DESCRIPTION, lambda path: path.write_text(text, encoding="utf-8"))
+            (folder / URDF).write_text(urdf, encoding="utf-8")
+        cover.save(folder / COVER)
+        (folder / DESCRIPTION).write_text(text, encoding="utf-8")
     except OSError as error:
-        for path in written:
+        for name in (URDF, COVER, DESCRIPTION):
             with contextlib.suppress(OSError):
-                path.unlink()
+                (folder / name).unlink()
         raise RobotError(str(folder), f"cannot be written: {error.strerror}") from error
-
-
-def show_costs(robot: Robot, planning: PlanningLimits | None) -> dict[str, StopFigures]:
-    """Print what the monitor says of the arm as written, and with one choice at a time changed.
-
-    Returns:
-        The same, by what was changed.
-    """
-    most_accel, most_speed = Obstacles(sources=[]).bounds.others
-    caption = (
-        f"The arm is in the middle of its ranges, all joints at {WORKING_SHARE:.0%} of their "
-        f"operating velocities. A person walks straight at its farthest end at {WALKING_SPEED:g} "
-        f"m/s, and may speed up by {most_accel:g} m/s² to {most_speed:g} m/s: nearer than this is "
-        "a STOP."
-    )
-    costs: dict[str, StopFigures] = {}
-    rows: list[tuple[str, str, str]] = []
-    cases = list(list_cases(robot, planning))
-    with following("asking the monitor about case", len(cases)) as begin:
-        for case in cases:
-            begin(case.name)
-            try:
-                figures = measure(case)
-            except ArmguardError as error:
-                complain(f"{case.name}: {error}")
-                continue
-            stop_time, distance = costs[case.name] = figures
-            rows.append(
-                (
-                    case.name,
-                    f"{1e3 * stop_time:.0f}" if stop_time < math.inf else "not stated",
-                    f"{distance:.2f}" if distance < math.inf else "anywhere",
-                )
-            )
-    heads = ("description", "rests within, ms", "STOP within, m")
-    title = "what each choice costs in STOP"
-    make_console().print(make_table(heads, rows, title=title, caption=caption))
-    return costs
 
 
 def _print(text: str) -> None:

@@ -54,12 +54,11 @@ ACCELERATION_DERIVED = (
 )
 ACCELERATION_CHOSEN = (
     "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the model "
-    "file's efforts and inertias do not tell"
+    "file's efforts "
 )
-ACCELERATION_FLOOR = (
-    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the model "
-    "file's efforts would allow less"
-)
+HIDDEN, LESS = "and inertias do not tell", "would allow less"
+"""Why: its last words."""
+
 BRAKES_CHOSEN = (
     "CHOSEN: at rest from full speed within 0.65 s, the longest that the UR10/CB3 user manual "
     "gives for a whole arm; the model file's efforts and inertias do not tell"
@@ -176,7 +175,7 @@ class JointFacts:
         """
         speeds = self.model.velocityLimit
         chosen = {
-            joint: Figure(round_up(speeds[i] / RISE_TIME), ACCELERATION_CHOSEN)
+            joint: Figure(round_up(speeds[i] / RISE_TIME), ACCELERATION_CHOSEN + HIDDEN)
             for i, joint in enumerate(self.joints)
         }
         if not (self._has_efforts and self._find_least_share(0.0) > 0.0):
@@ -190,7 +189,7 @@ class JointFacts:
             elif (derived := round_up(HARDER * value)) >= least.value:
                 figures[joint] = Figure(derived, ACCELERATION_DERIVED)
             else:
-                figures[joint] = Figure(least.value, ACCELERATION_FLOOR)
+                figures[joint] = Figure(least.value, ACCELERATION_CHOSEN + LESS)
         return figures
 
     def derive_decelerations(

@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from armguard.exceptions import RobotError
 
@@ -29,17 +29,28 @@ class Figure(NamedTuple, Generic[Amount]):
     source: str
 
 
+class Kind(NamedTuple):
+    """What is said of each joint of a robot."""
+
+    name: str
+    """In the plural."""
+    unit: str
+    meaning: str
+    """What it is relied on for."""
+    read: Callable[[str, str], Any]
+    """Reads an amount, named by its first argument, from text."""
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]"
+
+
 class Question(NamedTuple, Generic[Amount]):
     """What is asked of the joints of a robot."""
 
     option: str
     """With which it is answered on the command line."""
-    what: str
-    """What is asked for, with its unit."""
-    meaning: str
-    """What the answer is relied on for."""
-    read: Callable[[str, str], Amount]
-    """Reads an answer, named by its first argument, from text."""
+    kind: Kind
+    """What is asked for."""
     known: Mapping[str, Figure[Amount]]
     """By joint, what need not be asked for."""
     usual: Mapping[str, Figure[Amount]]
@@ -83,10 +94,10 @@ class Asker:
             remedy = ""
             if all(joint in question.usual for joint in lacking):
                 remedy = f"--yes takes what is usual: {_list(question.usual, lacking)}"
-            is_number = question.read is not read_range
+            is_number = question.kind.read is not read_range
             raise RobotError(
                 question.option,
-                f"is missing: the model file has no {question.what} of {', '.join(lacking)}",
+                f"is missing: the model file has no {question.kind} of {', '.join(lacking)}",
                 expected="a number for all of them, or JOINT=NUMBER"
                 if is_number
                 else "JOINT=LOWER:UPPER",
@@ -127,7 +138,8 @@ class Asker:
     ) -> dict[str, Figure[Amount]]:
         """Ask on the terminal until all that is lacking is answered."""
         assert self._ask is not None
-        text = f"\n{question.what} of {', '.join(lacking)}: {question.meaning} ({question.option})"
+        kind, names = question.kind, ", ".join(lacking)
+        text = f"\n{kind} of {names}: {kind.meaning} ({question.option})"
         usual = {joint: question.usual[joint] for joint in lacking if joint in question.usual}
         for source, members in group_by_source(usual).items():
             text += f"\n  usual: {_list(usual, members)} ({source})"
@@ -157,7 +169,7 @@ def read_answers(
     found: dict[str, Figure[Amount]] = {}
     for item in put_general_first(given):
         pattern, has_joint, text = item.rpartition("=")
-        value = question.read(f"{question.option} {item}", text)
+        value = question.kind.read(f"{question.option} {item}", text)
         if has_joint:
             members = match(f"{question.option} {item}", pattern, joints)
         else:
@@ -257,3 +269,40 @@ def _list(figures: Mapping[str, Figure[Amount]], joints: Sequence[str]) -> str:
 
 def _spell(value: float | Range) -> str:
     return ":".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"
+
+
+_SPEED, _ACCELERATION = "rad/s or m/s", "rad/s² or m/s²"
+
+KINDS = {
+    "position": Kind("position limits", "rad or m", "no joint ever leaves them", read_range),
+    "velocity": Kind("velocity limits", _SPEED, "no joint is ever faster", read_number),
+    "acceleration": Kind(
+        "acceleration limits",
+        _ACCELERATION,
+        "no joint ever speeds up or slows down harder, emergency stops included",
+        read_number,
+    ),
+    "position_error": Kind(
+        "position errors", "rad or m", "no measured state is off by more", read_amount
+    ),
+    "velocity_error": Kind(
+        "velocity errors", _SPEED, "no measured state is off by more", read_amount
+    ),
+    "load": Kind("load of the brakes", "kg", "up to it the brakes hold", read_amount),
+    "deceleration": Kind(
+        "decelerations of the brakes",
+        _ACCELERATION,
+        "a stop with that load is never gentler, from whatever speed",
+        read_number,
+    ),
+    "operating_velocity": Kind(
+        "operating velocities", _SPEED, "the controller keeps to them at work", read_number
+    ),
+    "operating_acceleration": Kind(
+        "operating accelerations",
+        _ACCELERATION,
+        "the controller speeds joints up no harder at work",
+        read_number,
+    ),
+}
+"""All kinds of figures, by field of the command."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from armguard.lab.commission.lines import quote, quote_key
-from armguard.lab.new_robot.questions import Figure, Range, group_by_source
+from armguard.lab.new_robot.questions import KINDS, Figure, Range, group_by_source
 from armguard.robot.description import LockedJoint
 
 LOCKED = (
@@ -14,21 +14,8 @@ LOCKED = (
     "stand still."
 )
 
-KINDS = ("position", "velocity", "acceleration")
+LIMITS = ("position", "velocity", "acceleration")
 """Of figures that state the source of most of them at the top."""
-
-FIGURES = {
-    "position": "position limits",
-    "velocity": "velocity limits",
-    "acceleration": "acceleration limits",
-    "position_error": "position errors",
-    "velocity_error": "velocity errors",
-    "load": "load of the brakes",
-    "deceleration": "decelerations of the brakes",
-    "operating_velocity": "operating velocities",
-    "operating_acceleration": "operating accelerations",
-}
-"""All kinds of figures, and what people call them."""
 
 
 class NewRobot(NamedTuple):
@@ -41,7 +28,7 @@ class NewRobot(NamedTuple):
     collision_from_visual: tuple[str, ...]
     locked: Mapping[str, LockedJoint]
     figures: Mapping[str, Mapping[str, Figure[Any]]]
-    """By kind (`FIGURES`) and joint; continuous joints have no position, the load has no joint."""
+    """By kind (`KINDS`) and joint; continuous joints have no position, the load has no joint."""
 
 
 def write_text(new: NewRobot) -> str:
@@ -57,7 +44,7 @@ def write_text(new: NewRobot) -> str:
     for key in ("package_dirs", "bare_links", "collision_from_visual"):
         if names := getattr(new, key):
             lines.append(f"{key} = [{', '.join(map(quote, names))}]")
-    general = {kind: _find_usual_source(new.figures[kind]) for kind in KINDS}
+    general = {kind: _find_usual_source(new.figures[kind]) for kind in LIMITS}
     lines += ["", "[sources]"]
     lines += [f"{kind} = {quote(source)}" for kind, source in general.items() if source]
     for joint in new.figures["velocity"]:
@@ -85,7 +72,7 @@ def write_text(new: NewRobot) -> str:
 def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[str]:
     lines = [f"[joints.{quote_key(joint)}]"]
     own = {}
-    for kind in KINDS:
+    for kind in LIMITS:
         figure = new.figures[kind].get(joint)
         if figure is not None:
             lines.append(f"{kind} = {_write_value(figure.value)}")
@@ -151,11 +138,11 @@ def _join_sources(figures: Mapping[str, Figure[float]]) -> str:
 def list_choices(new: NewRobot) -> list[str]:
     """What is no data of this arm, one line each."""
     lines = []
-    for kind, what in FIGURES.items():
-        figures = new.figures[kind]
+    for name, kind in KINDS.items():
+        figures = new.figures[name]
         for source, joints in group_by_source(figures).items():
             if not source.startswith(("CHOSEN", "DERIVED")):
                 continue
             of = "" if len(joints) == len(figures) else f" of {', '.join(joints)}"
-            lines.append(f"{what}{of}: {source}")
+            lines.append(f"{kind.name}{of}: {source}")
     return lines

@@ -8,12 +8,10 @@ from armguard.app import cli
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
-from armguard.lab.pages import PAGE
+from armguard.lab.pages import PAGE, list_lines, make_folder, write_report
 from armguard.lab.paper.measure import BALLS, MOST_EVALUATIONS, PERIODS, Row, measure_claims
-from armguard.lab.paper.plots import draw_pictures
-from armguard.lab.paper.report import describe, summarise, write_report
-from armguard.lab.pictures import check_plots
-from armguard.lab.study_facts import list_facts, make_folder, show_progress, tell_command
+from armguard.lab.paper.report import describe, write_body
+from armguard.lab.study_facts import list_facts, show_progress, tell_command
 
 
 def run(wishes: cli.Paper) -> int:
@@ -29,8 +27,6 @@ def run(wishes: cli.Paper) -> int:
     out, seed = wishes.out, wishes.seed
     if not seed >= 0:
         raise ArmguardError("--seed", f"is {seed}", expected="0 or more")
-    if not wishes.no_plots:
-        check_plots()
     make_folder(out)
     rows: list[Row] = []
     interrupted = False
@@ -43,10 +39,16 @@ def run(wishes: cli.Paper) -> int:
                 raise
             interrupted = True
     facts = {"command": f"`{tell_command()}`", **list_facts(seed)}
-    write_report(out, rows, interrupted, facts, {} if wishes.no_plots else draw_pictures(rows))
-    sys.stdout.write("".join(f"- {line}\n" for line in summarise(rows, interrupted)))
-    sys.stdout.write(f"wrote {out / PAGE}\n")
-    print_json(lambda: describe(rows, interrupted, facts) | {"wrote": out / PAGE})
+    data = describe(rows, interrupted, facts)
+    write_report(
+        out,
+        "What the paper claims of its schedules, measured",
+        write_body(rows),
+        [f"{name.capitalize()}: {fact}" for name, fact in facts.items()],
+        data,
+    )
+    sys.stdout.write(f"{list_lines(data['summary'])}wrote {out / PAGE}\n")
+    print_json(lambda: data | {"wrote": out / PAGE})
     if any(row.unwatched for row in rows):
         complain("a pair came near while it was neither in turn nor flagged: please report it")
         return COMPLAINT

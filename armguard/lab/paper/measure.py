@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.lab.paper.world import World
-from armguard.lab.rows import Tell
+from armguard.lab.study_facts import Tell
 from armguard.scheduling.paper.daa import DaaSchedule, SortLaw
 from armguard.scheduling.paper.full import FullSchedule
-from armguard.scheduling.paper.partition import PartitionLaw
+from armguard.scheduling.paper.partition import PartitionLaw, make_partition
 from armguard.settings.schedule import Schedule
 
 PERIODS = (0.05, 0.001)
@@ -209,12 +209,8 @@ class _Contestant:
         """Ticks in which the last bucket comes round."""
         if not isinstance(self.schedule, DaaSchedule):
             return 1
-        size, following, base = 1, 2, 1
-        while base + size <= pairs:
-            base += size
-            is_powers = self.schedule.law == "powers"
-            size, following = following, 2 * following if is_powers else size + following
-        return size
+        partition = make_partition(self.schedule.law)
+        return int(partition.sizes[np.searchsorted(partition.bases, pairs, side="right") - 1])
 
 
 def _make_contestants(world: World) -> list[_Contestant]:

@@ -1,4 +1,4 @@
-"""The report on the paper's claims: CSV and JSON for programs, a page in Markdown for people.
+"""The report on the paper's claims: JSON for programs, a page in Markdown for people.
 
 Every figure comes from the run, whose command, machine, versions and seed the report names.
 """
@@ -7,33 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-from armguard.lab.pages import (
-    JSON_FILE,
-    PAGE,
-    Column,
-    fit_exponent,
-    list_pictures,
-    write_csv,
-    write_files,
-    write_json,
-    write_page,
-    write_table,
-)
+from armguard.lab.pages import Column, fit_exponent, write_table
 from armguard.lab.paper.measure import (
     DAA,
-    DISTANCE,
     FULL,
     STOP_TIME,
     Row,
     compute_claim,
 )
-from armguard.lab.paper.plots import CAPTIONS
-
-CSV_FILE = "claims.csv"
-"""The table for programs."""
 
 FROM = 100
 """Pairs from which on exponents are fitted: below, what every tick costs hides the growth."""
@@ -74,7 +57,7 @@ LEGEND = (
 
 
 def describe(rows: Sequence[Row], interrupted: bool, facts: Mapping[str, str]) -> dict[str, Any]:
-    """All that was found, as plain data; what is no number is null."""
+    """All that was found, as plain data."""
     return {
         **facts,
         "interrupted": interrupted,
@@ -141,11 +124,6 @@ def summarise(rows: Sequence[Row], interrupted: bool) -> list[str]:
                 "sizes, L being the number of buckets of 1, 2, 4 … places: the paper's "
                 "O(log N log log N)."
             )
-    for period in dict.fromkeys(row.period for row in rows):
-        for name in (DAA[0][0], DAA[1][0], DISTANCE):
-            some = [row for row in rows if row.schedule == name and row.period == period]
-            if some:
-                lines.append(_tell_agreement(period, name, some))
     unwatched = sum(row.unwatched for row in rows)
     alarms = sum(row.alarms for row in rows if row.schedule == FULL)
     lines.append(
@@ -155,28 +133,8 @@ def summarise(rows: Sequence[Row], interrupted: bool) -> list[str]:
     return lines
 
 
-def _tell_agreement(period: float, name: str, rows: Sequence[Row]) -> str:
-    parts = [
-        f"{row.agreement:.1%}" + (f" (flagged {row.flagged:.1%})" if row.flagged else "")
-        + f" at {row.pairs:,}"
-        for row in rows
-    ]  # fmt: skip
-    text = f"Every {1e3 * period:g} ms, {name} names the most imminent pair in "
-    return f"{text}{', '.join(parts)} pairs."
-
-
-def write_report(
-    folder: Path,
-    rows: Sequence[Row],
-    interrupted: bool,
-    facts: Mapping[str, str],
-    pictures: Mapping[str, bytes],
-) -> None:
-    """Write all files; pictures are PNG files by name.
-
-    Raises:
-        ArmguardError: One of them cannot be written.
-    """
+def write_body(rows: Sequence[Row]) -> list[str]:
+    """Lines of the page between the summary and how it was measured: a table for each period."""
     heads = ["schedule", *(column.head for column in COLUMNS)]
     order = _list_schedules(rows)
     body = ["## Worlds", "", LEGEND]
@@ -186,29 +144,9 @@ def write_report(
             (row for row in rows if row.period == period),
             key=lambda row: order.index(row.schedule),
         )
-        body += write_table(heads, [[row.schedule, *show(row)] for row in some])
-    page = write_page(
-        "What the paper claims of its schedules, measured",
-        summarise(rows, interrupted),
-        body,
-        list_pictures(CAPTIONS, pictures),
-        [f"{name.capitalize()}: {fact}" for name, fact in facts.items()],
-        CSV_FILE,
-    )
-    write_files(
-        folder,
-        {
-            JSON_FILE: write_json(describe(rows, interrupted, facts)),
-            CSV_FILE: write_csv(Row._fields, rows),
-            PAGE: page,
-            **pictures,
-        },
-    )
-
-
-def show(row: Row) -> list[str]:
-    """A row's cells for people."""
-    return [column.show(row) for column in COLUMNS]
+        cells = [[row.schedule, *(column.show(row) for column in COLUMNS)] for row in some]
+        body += write_table(heads, cells)
+    return body
 
 
 def _list_schedules(rows: Sequence[Row]) -> list[str]:

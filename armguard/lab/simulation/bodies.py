@@ -29,19 +29,6 @@ from armguard.lab.simulation.sources import ObstacleSink
 
 Array = NDArray[np.float64]
 
-POINTS = (
-    "head",
-    "collar",
-    "hip",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_hand",
-    "right_hand",
-)
-"""The tracked points, in the order of every array of points in this package."""
-
 
 class Body(NamedTuple):
     """One part of a person: the hull of one or two tracked points, rounded by a radius."""
@@ -55,14 +42,17 @@ class Body(NamedTuple):
 BODIES = (
     Body("head", ("head",), 0.16),
     Body("collar", ("collar",), 0.20),
-    Body("left_hand", ("left_hand",), 0.13),
-    Body("right_hand", ("right_hand",), 0.13),
     Body("hip", ("hip", "collar"), 0.20),
     Body("left_shoulder", ("left_shoulder", "left_elbow"), 0.10),
     Body("right_shoulder", ("right_shoulder", "right_elbow"), 0.10),
     Body("left_elbow", ("left_elbow", "left_hand"), 0.08),
     Body("right_elbow", ("right_elbow", "right_hand"), 0.08),
+    Body("left_hand", ("left_hand",), 0.13),
+    Body("right_hand", ("right_hand",), 0.13),
 )
+
+POINTS = tuple(body.name for body in BODIES)
+"""The tracked points, in the order of every array of points in this package."""
 
 
 def publish_person(

@@ -21,19 +21,18 @@ from armguard.app.processes import end_with
 
 
 def start_device(
-    module: str, device: msgspec.Struct, log: IO[bytes], *, takes_orders: bool = False
+    device: msgspec.Struct, log: IO[bytes], *, takes_orders: bool = False
 ) -> subprocess.Popen[bytes]:
     """Start a device as a process of its own, which is to end with this one.
 
     Args:
-        module: Is run, and calls `run_device`.
-        device: What the process is to do.
+        device: What the process is to do; its module is run, and calls `run_device`.
         log: Where it writes what goes wrong.
         takes_orders: Whether its standard input is a pipe from here; else it has none.
     """
     described = msgspec.json.encode(device).decode()
     return subprocess.Popen(
-        [sys.executable, "-m", module, described, str(os.getpid())],
+        [sys.executable, "-m", type(device).__module__, described, str(os.getpid())],
         stdin=subprocess.PIPE if takes_orders else subprocess.DEVNULL,
         stderr=log,
         start_new_session=True,  # a Ctrl-C is for what started it, which ends it in due order

@@ -8,6 +8,7 @@ implies.
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -173,46 +174,33 @@ def read_vicon_csv(path: Path) -> tuple[float, Array]:
 
 
 def _check_header(path: Path, rows: list[list[str]]) -> tuple[float, list[str]]:
-    """Rate in [Hz], and the bodies in the order of their columns."""
-    for line in range(1, _HEADER_LINES + 1):
-        if len(rows) < line:
-            raise _bad(path, line, "is missing", "a header of five lines")
-        if line == 1 and rows[0] != ["Objects"]:
-            raise _bad(path, 1, f"is {','.join(rows[0])[:40]!r}", "the header 'Objects'")
+    """Rate in [Hz], and the bodies in the order of their columns.
+
+    The third line has names above every sixth column from the third on, as in
+    `Global Angle hip:hip`.
+    """
+    if len(rows) < _HEADER_LINES:
+        raise _bad(path, len(rows) + 1, "is missing", "a header of five lines")
     rate = _read_number(",".join(rows[1]))
     if not (0.0 < rate < math.inf):
         raise _bad(path, 2, f"is {','.join(rows[1])[:40]!r}", "the rate in Hz")
-    bodies = _read_bodies(path, rows[2])
-    for line, lead, cells in ((4, ["Frame", "Sub Frame"], _AXES), (5, ["", ""], _UNITS)):
-        wanted = lead + list(cells) * len(bodies)
+    named = {column: cell.rpartition(":")[2] for column, cell in enumerate(rows[2], 1) if cell}
+    bodies = list(named.values())
+    if sorted(bodies) != sorted(POINTS):
+        raise _bad(path, 3, f"names {', '.join(bodies)}", f"once each: {', '.join(POINTS)}")
+    if list(named) != [3 + len(_AXES) * place for place in range(len(bodies))]:
+        raise _bad(path, 3, f"has names in columns {list(named)}", "every sixth, from 3 on")
+    wanted = {
+        1: ["Objects"],
+        4: ["Frame", "Sub Frame", *_AXES * len(bodies)],
+        5: ["", "", *_UNITS * len(bodies)],
+    }
+    for line, cells in wanted.items():
         found = rows[line - 1]
-        if len(found) != len(wanted):
-            raise _bad(path, line, f"has {len(found)} cells", f"{len(wanted)}")
-        for column, (got, want) in enumerate(zip(found, wanted, strict=True), start=1):
+        for column, (got, want) in enumerate(itertools.zip_longest(found, cells), start=1):
             if got != want:
                 raise _bad(path, line, f"has {got!r} in column {column}", repr(want))
     return rate, bodies
-
-
-def _read_bodies(path: Path, row: list[str]) -> list[str]:
-    """Names above every sixth column from the third on, as in `Global Angle hip:hip`."""
-    bodies: list[str] = []
-    for column, cell in enumerate(row, start=1):
-        if not cell:
-            continue
-        name = cell.rpartition(":")[2]
-        if name not in POINTS or name in bodies or column != 3 + len(_AXES) * len(bodies):
-            raise _bad(
-                path,
-                3,
-                f"has {cell!r} in column {column}",
-                f"above every sixth column, once each: {', '.join(POINTS)}",
-            )
-        bodies.append(name)
-    missing = [point for point in POINTS if point not in bodies]
-    if missing:
-        raise _bad(path, 3, f"lacks {', '.join(missing)}", "all nine bodies")
-    return bodies
 
 
 def _read_point(path: Path, line: int, body: str, cells: list[str]) -> list[float]:

@@ -7,31 +7,18 @@ from pathlib import Path
 
 from armguard.app import cli
 from armguard.app.cell.cell import Cell
-from armguard.app.processes import complain
 from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
-from armguard.lab.pictures import check_plots
-from armguard.lab.study_facts import (
-    VERSIONS,
-    describe_machine,
-    digest_file,
-    is_by_rows,
-    make_folder,
-    open_rows,
-    show_progress,
-    tell_command,
-)
-from armguard.lab.tradeoff.covers import Covers
+from armguard.lab.pages import PAGE, make_folder, write_report, write_table
+from armguard.lab.study_facts import list_facts, show_progress, tell_command
 from armguard.lab.tradeoff.ladder import AUTO, check_axes
-from armguard.lab.tradeoff.plots import draw_pictures
-from armguard.lab.tradeoff.report import HTML_FILE, About, describe, summarise, write_report
+from armguard.lab.tradeoff.report import LEGEND, describe, tabulate
 from armguard.lab.tradeoff.scene import Site, find_published, make_scene
 from armguard.lab.tradeoff.study import run_study
 from armguard.lab.tradeoff.touching import add_touching
 from armguard.lab.trial import SECONDS, make_visit
 from armguard.monitor.settings import read_settings
 from armguard.obstacles.obstacles import Obstacles
-from armguard.recording.provenance import describe_provenance
 from armguard.robot.robot import Robot
 
 ROBOT = "panda"
@@ -50,7 +37,7 @@ def run(wishes: cli.Tradeoff) -> int:
         ArmguardError: Something is unusable.
         KeyboardInterrupt: It came before there was anything to show.
     """
-    cell, seed, seconds, out = wishes.cell, wishes.seed, wishes.seconds, wishes.out
+    seed, seconds, out = wishes.seed, wishes.seconds, wishes.out
     balls, touching = wishes.obstacles, wishes.touching
     chosen = check_axes(wishes.axis)
     for option, count in (("--seed", seed), ("--obstacles", balls), ("--touching", touching)):
@@ -58,9 +45,7 @@ def run(wishes: cli.Tradeoff) -> int:
             raise ArmguardError(option, f"is {count}", expected="0 or more")
     if not 1.0 <= seconds <= LONGEST:
         raise ArmguardError("--seconds", f"is {seconds:g}", expected=f"1 to {LONGEST:g}")
-    if not wishes.no_plots:
-        check_plots()
-    site = _make_site(cell, wishes.robot)
+    site = _make_site(wishes.cell, wishes.robot)
     recording = None if wishes.person is None else str(wishes.person)
     scene, what = make_scene(site, recording, balls, seconds, seed)
     if touching:
@@ -72,40 +57,34 @@ def run(wishes: cli.Tradeoff) -> int:
     elif AUTO in chosen:
         trial = make_visit(site, seed + 1)
     make_folder(out)  # once nothing else can be a mistake: none leaves an empty folder
-    provenance = describe_provenance(site.robot)
-    study_of = {
-        "study": "tradeoff", "cell": digest_file(cell), "robot": provenance["robot"],
-        "cover": provenance["cover"], "person": digest_file(wishes.person), "obstacles": str(balls),
-        "touching": str(touching),
-        "seconds": f"{seconds!r}", "seed": str(seed),
-    }  # fmt: skip
-    with open_rows(wishes, out, study_of) as rows, show_progress() as tell:
-        try:
-            study = run_study(
-                site, scene, chosen, seed, Covers(site.robot), tell, rows, trial,
-                in_turns=not is_by_rows(wishes),
-            )  # fmt: skip
-        except KeyboardInterrupt:
-            if is_by_rows(wishes) and rows.kept:
-                complain(f"{rows.kept} settings are kept: --resume goes on with them")
-            raise
-    about = About(
-        f"{site.robot.name} and {what}",
-        tell_command(),
-        describe_machine(provenance),
-        {name: provenance[name] for name in VERSIONS},
-        seed,
-        seconds,
-        _tell_operating(cell, site),
+    with show_progress() as tell:
+        study = run_study(site, scene, chosen, tell, trial)
+    title = f"{site.robot.name} and {what}"
+    facts = {
+        "command": tell_command(),
+        "operating": _tell_operating(wishes.cell, site),
+        **list_facts(seed),
+    }
+    facts |= list_facts(seed)
+    data = describe(study, title, facts)
+    write_report(
+        out,
+        f"What accuracy costs: {title}",
+        ["## Settings", "", *(f"- {line}" for line in LEGEND), "", *write_table(*tabulate(study))],
+        [
+            f"Command: `{facts['command']}`",
+            f"Scene: {title}, {study.seconds:g} s of it, seed {seed}",
+            f"Operating limits of the default: {facts['operating']}",
+            f"Machine: {facts['machine']}",
+            f"Versions: {facts['versions']}",
+        ],
+        data,
     )
-    write_report(out, study, about, {} if wishes.no_plots else draw_pictures(study))
-    console = make_console()
-    if rows.resumed:
-        console.print(f"- {rows.resumed} rows were taken from an earlier run.")
-    for line in summarise(study):
-        console.print(f"- {line.replace('**', '')}", soft_wrap=True)
-    console.print(f"wrote {out / HTML_FILE}", soft_wrap=True)
-    print_json(lambda: describe(study, about) | {"wrote": out / HTML_FILE})
+    console = make_console(soft_wrap=True)
+    for line in data["summary"]:
+        console.print(f"- {line.replace('**', '')}")
+    console.print(f"wrote {out / PAGE}")
+    print_json(lambda: data | {"wrote": out / PAGE})
     return 0
 
 

@@ -7,17 +7,14 @@ it can. The states are made before each timer starts.
 from __future__ import annotations
 
 import copy
-import math
 import time
-import tracemalloc
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armguard.cover.cover import Cover
-from armguard.lab.rows import Row, pack_array, unpack_array
-from armguard.lab.tradeoff.ladder import BY_TIME, Setting
+from armguard.lab.tradeoff.ladder import Setting
 from armguard.lab.tradeoff.scene import Scene, Site
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.settings import read_settings
@@ -39,53 +36,13 @@ class Track(NamedTuple):
     level: NDArray[np.int64]
     contact_time: Array
     """[s]."""
-    stop_time: Array
-    """[s]."""
     pace: Array
     """At which an arm goes on that keeps to the speed scale, as a share of what it does here."""
-    flagged: Array
-    """Share of the pairs that `daa` watches out of turn."""
 
     def until(self, end: float) -> Track:
         """The ticks before a time in [s]."""
         count = int(np.searchsorted(self.time, end - 1e-9))
         return Track._make(field[:count] for field in self)
-
-
-class Run(NamedTuple):
-    """What one setting said of the scene, and what that took."""
-
-    setting: Setting
-    track: Track
-    intake: list[float]
-    """What each message took, in [s]."""
-    begun: float
-    """Up to where it was run, in [s] of the scene."""
-    response: float
-    """Until a STOP of the next tick takes effect, in [s]."""
-    memory: int
-    """[bytes]."""
-    machine: str = ""
-    """Where; empty where all is of this process."""
-
-    def describe(self) -> Row:
-        """All but the setting as plain data, for `restore`."""
-        return {
-            "track": {name: pack_array(field) for name, field in self.track._asdict().items()},
-            "intake": self.intake,
-            "begun": self.begun,
-            "response": self.response,
-            "memory": self.memory,
-        }
-
-    @classmethod
-    def restore(cls, setting: Setting, row: Row) -> Run:
-        """The run that was described."""
-        track = {name: unpack_array(field) for name, field in row["track"].items()}
-        return cls(
-            setting, Track(**track), row["intake"], row["begun"], row["response"],
-            row["memory"], row.get("machine", ""),
-        )  # fmt: skip
 
 
 class Contestant:
@@ -100,7 +57,6 @@ class Contestant:
     Attributes:
         setting: As given.
         rate: Of ticks, in [Hz].
-        memory: Of table and monitor once the first tick is over, in bytes.
         response: Until a STOP of the next tick takes effect, in [s].
         intake: What each message took, in [s].
         begun: Up to where it has been run, in [s] of the scene.
@@ -113,38 +69,27 @@ class Contestant:
         self.setting, self._site, self._scene = setting, site, scene
         self._robot = copy.copy(site.robot)
         self._robot.cover = cover
-        self.rate = self._make_settings()[0].rate
-        self._ticks = round(scene.seconds * self.rate)
-        self._prepare()  # once for the kernels, which all settings share
-        tracemalloc.start()
-        try:
-            self._prepare()
-            self.run(0.5 / self.rate)
-            self.memory = tracemalloc.get_traced_memory()[0]
-            self.begun = 0.0
-        finally:
-            tracemalloc.stop()
-
-    def _make_settings(self) -> tuple[Settings, DaaSchedule | None]:
-        """Of a monitor; and its schedule, if that is the paper's."""
-        keywords = self.setting.monitor(self._site.settings)
-        schedule = keywords.get("schedule")
-        if not isinstance(schedule, tuple):
-            return read_settings(None, keywords), None
-        del keywords["schedule"]
-        daa = DaaSchedule(read_settings(None, keywords).period, schedule[1])
-        return read_settings(None, {**keywords, "schedule": daa}), daa
-
-    def _prepare(self) -> None:
-        settings, self._daa = self._make_settings()
-        self.obstacles = self._site.make_obstacles()
+        settings = self._make_settings()
+        self.rate = settings.rate
+        self.obstacles = site.make_obstacles()
         self.monitor = Monitor(self._robot, self.obstacles, settings)
-        self.response, self._rise_delay = settings.braking_delay, settings.rise_delay
+        self.response = settings.braking_delay
         self._speeds = settings.put_in_force(self._robot).velocity
         self.intake: list[float] = []
         self.begun = 0.0
         self._tick = self._message = 0
+        self._ticks = round(scene.seconds * self.rate)
         self._numbers = np.zeros((self._ticks, len(Track._fields)))
+
+    def _make_settings(self) -> Settings:
+        """Of a monitor; the paper's schedule is made for their period."""
+        keywords = self.setting.monitor(self._site.settings)
+        schedule = keywords.get("schedule")
+        if isinstance(schedule, tuple):
+            del keywords["schedule"]
+            period = read_settings(None, keywords).period
+            keywords["schedule"] = DaaSchedule(period, schedule[1])
+        return read_settings(None, keywords)
 
     def run(self, until: float) -> None:
         """Go on to a time of the scene, in [s]."""
@@ -153,7 +98,7 @@ class Contestant:
         while self._tick < self._ticks and (now := self._tick / self.rate) < until - 1e-9:
             while self._message < len(messages) and messages[self._message].stamp <= now + 1e-12:
                 begin = clock()
-                messages[self._message].tell(self.obstacles)
+                self.obstacles.update(*messages[self._message])
                 self.intake.append(1e-9 * (clock() - begin))
                 self._message += 1
             q, v = scene.sample(now)
@@ -164,13 +109,9 @@ class Contestant:
             fastest = float(np.max(np.abs(v) / self._speeds))
             if fastest > 0.0:
                 pace /= fastest
-            flagged = 0.0
-            if self._daa is not None and len(self.obstacles):
-                pairs = len(self.obstacles) * len(self._robot.links)
-                flagged = len(self._daa.flagged()) / pairs
             self._numbers[self._tick] = (
                 now, spent, verdict.evaluated, int(verdict.level), verdict.contact_time,
-                verdict.stop_time, min(pace, 1.0), flagged,
+                min(pace, 1.0),
             )  # fmt: skip
             if not verdict.complete:
                 # What is not known could be now.
@@ -183,24 +124,6 @@ class Contestant:
         """What was said so far; of the ticks, the first is left out: it is the first of all."""
         numbers = self._numbers[1 : self._tick].T
         fields = dict(zip(Track._fields, numbers, strict=True))
-        track = Track(**fields)._replace(
+        return Track(**fields)._replace(
             evaluated=numbers[2].astype(np.int64), level=numbers[3].astype(np.int64)
         )
-        if self.setting.rule == BY_TIME:
-            stops = hold(~(track.contact_time > track.stop_time), track.time, self._rise_delay)
-            track = track._replace(
-                level=np.where(stops, int(Level.STOP), track.level),
-                pace=np.where(stops, 0.0, track.pace),
-            )
-        return track
-
-    def report(self) -> Run:
-        """What it said so far."""
-        return Run(self.setting, self.track, self.intake, self.begun, self.response, self.memory)
-
-
-def hold(unsafe: NDArray[np.bool_], time: Array, rise_delay: float) -> NDArray[np.bool_]:
-    """Which ticks say STOP by a rule whose STOPs last for a while after it found reason."""
-    last = np.maximum.accumulate(np.where(unsafe, time, -math.inf))
-    held: NDArray[np.bool_] = time - last < rise_delay
-    return held | unsafe

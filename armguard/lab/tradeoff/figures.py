@@ -38,8 +38,6 @@ class Figures(NamedTuple):
     """Contact time over that of the finest setting, in the median; and"""
     tight_finest_p5: float
     """in the worst twentieth of the ticks."""
-    tight_adversary: float
-    """Contact time over the first contact of an adversary, in the median."""
     stop: float
     """Share of STOP."""
     slow: float
@@ -55,29 +53,14 @@ class Figures(NamedTuple):
     late_max: float
     missed: float
     """Contacts that came sooner than it was said, or without a STOP in time."""
-    flagged: float
-    """Share of pairs that `daa` watches out of turn."""
-    memory: float
-    """Of table and monitor, in [kB]."""
-
-
-class Hunted(NamedTuple):
-    """What an adversary could do at one moment."""
-
-    time: float
-    """[s] of the scene."""
-    contact: float
-    """The first contact that was found, from then on, in [s]."""
 
 
 def compute_figures(
     track: Track,
     finest: Track,
     intake: Sequence[float],
-    hunted: Sequence[Hunted],
     contacts: Sequence[Contact],
     response: float,
-    memory: int,
 ) -> Figures:
     """All figures of a setting.
 
@@ -85,13 +68,11 @@ def compute_figures(
         track: Of the setting.
         finest: Of what it is held against, over the same time.
         intake: What its messages took, in [s].
-        hunted: What an adversary did.
         contacts: What really happened.
         response: Until a STOP of the next tick takes effect, in [s].
-        memory: [bytes].
     """
     if not len(track.time):
-        return Figures(*[math.nan] * len(Figures._fields))._replace(memory=1e-3 * memory)
+        return Figures(*[math.nan] * len(Figures._fields))
     own, other = match_ticks(track.time, finest.time)
     pairs = track.contact_time[own], finest.contact_time[other]
     known = np.isfinite(pairs[1]) & (pairs[1] > 0.0)
@@ -99,11 +80,6 @@ def compute_figures(
     late = find_lateness(track, finest)
     rate = (len(track.time) - 1) / (track.time[-1] - track.time[0]) if len(track.time) > 1 else 0.0
     seconds = len(track.time) / rate if rate else math.nan
-    hunts = [
-        track.contact_time[_at(track, hunt.time)] / hunt.contact
-        for hunt in hunted
-        if math.isfinite(hunt.contact) and hunt.contact > 0.0 and hunt.time <= track.time[-1]
-    ]
     spent = 1e6 * track.spent
     return Figures(
         tick_p50=float(np.median(spent)),
@@ -115,7 +91,6 @@ def compute_figures(
         evaluated_max=float(track.evaluated.max()),
         tight_finest=_median(tight),
         tight_finest_p5=float(np.percentile(tight, 5)) if len(tight) else math.nan,
-        tight_adversary=_median(hunts),
         stop=float((track.level == Level.STOP).mean()),
         slow=float((track.level == Level.SLOW).mean()),
         aware=float((track.level == Level.AWARE).mean()),
@@ -124,8 +99,6 @@ def compute_figures(
         late_p50=1e3 * _median(late),
         late_max=1e3 * float(np.max(late)) if len(late) else math.nan,
         missed=float(count_missed(track, contacts, response)),
-        flagged=float(track.flagged.mean()),
-        memory=1e-3 * memory,
     )
 
 

@@ -1,12 +1,10 @@
 """The ladder: what can be chosen, axis by axis, and the settings that a study runs.
 
-Not the whole product: one axis at a time around the default, then combinations of the rungs that
-were cheaper than the default and no more cautious.
+Not the whole product: one axis at a time around the default.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -25,12 +23,6 @@ AUTO = "auto"
 OPERATING = "operating"
 """Name of an axis of premises rather than of choices: what the controller is said to keep to."""
 
-BY_TIME = "by contact time alone"
-"""A STOP wherever contact could come before the arm rests, whatever braking would do."""
-
-MOST_COMBINED = 8
-"""Settings that are combined at most."""
-
 
 class Rung(NamedTuple):
     """One choice on one axis."""
@@ -44,8 +36,6 @@ class Rung(NamedTuple):
     """Of the cover's tree, the finest that is used; None: all."""
     protrusion: float | None = None
     """Of a cover that is fitted for this, in [m]; None: the robot's own."""
-    rule: str = ""
-    """How a STOP is found: `BY_TIME`, or as the monitor says."""
 
     def __str__(self) -> str:
         return f"{self.axis} {self.value}"
@@ -72,13 +62,8 @@ class Setting(NamedTuple):
 
     @property
     def is_choice(self) -> bool:
-        """Whether it can be chosen: with no rule that monitors lack, and on the same premises."""
-        return not any(rung.rule or rung.axis == OPERATING for rung in self.rungs)
-
-    @property
-    def rule(self) -> str:
-        """How a STOP is found."""
-        return next((rung.rule for rung in self.rungs if rung.rule), "")
+        """Whether it can be chosen: on the same premises."""
+        return not any(rung.axis == OPERATING for rung in self.rungs)
 
 
 def _list_numbers() -> dict[str, list[Rung]]:
@@ -111,7 +96,6 @@ AXES: dict[str, list[Rung]] = {
     ],
     "motion": [
         Rung("motion", "isotropic", {"motion": "isotropic"}),
-        Rung("motion", "joint by time", {"motion": "joint"}, rule=BY_TIME),
     ],
     "schedule": [
         Rung("schedule", "full", {"schedule": "full"}),
@@ -178,29 +162,12 @@ def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
         # Limits that a cell states stand in the place of those that are published.
         return (rung.monitor["operating"] is None) == (usual.get("operating") is None)
     declared = read_declarations(Settings)
-    return bool(rung.monitor) and not rung.rule and all(
+    return bool(rung.monitor) and all(
         usual.get(name, declared[name].default) == value for name, value in rung.monitor.items()
-    )  # fmt: skip
+    )
 
 
 def takes_long(rung: Rung, cover: Cover) -> bool:
     """Whether to fit what a rung asks for would take many minutes, for an arm with such a cover."""
     is_finer = rung.protrusion is not None and rung.protrusion < DEFAULT_PROTRUSION
     return is_finer and sum(len(cover.spheres(link)) for link in cover.links) > MOST_REFINED
-
-
-def combine(rungs: Iterable[Rung]) -> list[Setting]:
-    """Settings that take several rungs at once, the best of each axis first.
-
-    Args:
-        rungs: At most one of each axis, the most rewarding first.
-    """
-    listed = list(rungs)
-    settings = []
-    for size in range(len(listed), 1, -1):
-        for some in itertools.combinations(listed, size):
-            keys = [key for rung in some for key in rung.monitor]
-            # Of two rungs that set the same thing, one would not be what the name says.
-            if len(set(keys)) == len(keys):
-                settings.append(Setting(" + ".join(map(str, some)), some))
-    return settings[:MOST_COMBINED]

@@ -1,53 +1,18 @@
-"""The report of a study: JSON and CSV for programs, a page in Markdown and one in HTML for people.
+"""The report of a study: JSON for programs, a page in Markdown and pictures for people.
 
 Every figure comes from the run, whose command, machine, versions and seed the report names.
 """
 
 from __future__ import annotations
 
-import collections
-import math
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from armguard.lab.choice import SAME_LEVEL
-from armguard.lab.pages import (
-    JSON_FILE,
-    PAGE,
-    Column,
-    list_pictures,
-    write_csv,
-    write_files,
-    write_html,
-    write_json,
-    write_page,
-    write_table,
-)
+from armguard.lab.pages import Column
 from armguard.lab.tradeoff.figures import Figures
-from armguard.lab.tradeoff.growth import FROM, fit_exponents
 from armguard.lab.tradeoff.ladder import AUTO, AXES, DEFAULT, FINEST, OPERATING
-from armguard.lab.tradeoff.plots import CAPTIONS
-from armguard.lab.tradeoff.study import CHEAPER, CLOSE, Outcome, Study
-
-CSV_FILE, HTML_FILE = "settings.csv", "index.html"
-"""The table for programs, and the page that needs nothing else."""
-
-
-class About(NamedTuple):
-    """What a study was made of."""
-
-    title: str
-    """The arm and what moved about it."""
-    command: str
-    machine: str
-    versions: dict[str, str]
-    seed: int
-    asked: float
-    """How long it was to be, in [s] of the scene."""
-    operating: str
-    """Which operating limits the default states."""
-
+from armguard.lab.tradeoff.study import CLOSE, Study
 
 COLUMNS = (
     Column("tick p50, p99, max [µs]", "tick_p50 tick_p99 tick_max", "{:.0f}, {:.0f}, {:.0f}"),
@@ -55,7 +20,6 @@ COLUMNS = (
     Column("of a core", "core", "{:.1%}"),
     Column("evaluations, most", "evaluated evaluated_max", "{:.0f}, {:.0f}"),
     Column("÷ finest: p50, p5", "tight_finest tight_finest_p5", "{:.2f}, {:.2f}"),
-    Column("÷ adversary", "tight_adversary", "{:.2f}"),
     Column("STOP", "stop", "{:.1%}"),
     Column("SLOW", "slow", "{:.1%}"),
     Column("AWARE", "aware", "{:.1%}"),
@@ -63,28 +27,26 @@ COLUMNS = (
     Column("same level", "same_level", "{:.1%}"),
     Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
     Column("missed", "missed", "{:.0f}"),
-    Column("flagged", "flagged", "{:.0%}"),
-    Column("memory [kB]", "memory", "{:.0f}"),
 )
 """Of the table for people."""
+
+CHEAPER = 0.95
+"""Of a price, what is cheaper by more than the measurement scatters."""
 
 LEGEND = (
     "Times are processor time of one thread; ticks come at the default's rate unless the setting "
     "says otherwise.",
     "“Of a core” is what steps and messages take of one core.",
     "“÷ finest” is the contact time over that of the finest setting in the same tick, in the "
-    "median and in the worst twentieth; “÷ adversary” over the first contact that an arm and a "
-    "body reached which did their worst within their bounds.",
+    "median and in the worst twentieth.",
     "“Work lost” is the share of its way that an arm would not have done that keeps to each "
     "verdict's speed scale.",
     "“Late” is how long after the finest setting's STOP this one says STOP.",
     "“Missed” are contacts of the true surface that came sooner than was said, or without a STOP "
     "in time, those with bodies aside that broke their stated bounds.",
     "All settings judge the same states, of an arm that goes on whatever is said.",
-    "“Joint by time” is the default without its stop decision: a STOP wherever contact could come "
-    "before the arm rests. No monitor does that, and it is left out of what is recommended. So is "
-    "what differs in “operating”: what the controller keeps to is a premise, and no choice. The "
-    "arm here keeps to all of it.",
+    "What differs in “operating” is left out of what is recommended: what the controller keeps to "
+    "is a premise, and no choice. The arm here keeps to all of it.",
     "Settings with * are on the front: no other is both cheaper and no more cautious.",
 )
 """How to read that table."""
@@ -95,56 +57,62 @@ def summarise(study: Study) -> list[str]:
     usual, finest = study.find(DEFAULT), study.find(FINEST)
     if usual is None or finest is None:
         return []
-    known = [one for one in study.outcomes if one.figures is not None]
-    sound = [one for one in known if not _figures(one).missed > 0.0]
-    offered = [one for one in sound if one.setting.is_choice]
+    found = [(one.setting, one.figures) for one in study.outcomes if one.figures is not None]
+    bad = [setting.name for setting, figures in found if figures.missed > 0.0]
+    offered = [
+        (setting.name, figures)
+        for setting, figures in found
+        if setting.is_choice and setting.name not in bad
+    ]
     lines = []
     if study.interrupted:
         lines.append(
             f"Interrupted in the part “{study.interrupted}”: this is what {study.seconds:.1f} s of "
             "the scene gave; what had not begun is left out."
         )
-    bad = [one.setting.name for one in known if _figures(one).missed > 0.0]
     lines += [_tell_levels(finest), _tell_contacts(study)]
     if bad:
         lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
-    near = [one for one in offered if _figures(one).stop <= finest.stop + CLOSE]
-    equal = [one for one in offered if _figures(one).same_level >= SAME_LEVEL]
+    near = [one for one in offered if one[1].stop <= finest.stop + CLOSE]
+    equal = [one for one in offered if one[1].same_level >= SAME_LEVEL]
     for text, fit in (
         ("whose STOP share is within 1 percentage point of the finest's", near),
         (f"with the finest's level in at least {SAME_LEVEL:.0%} of the ticks", equal),
     ):
         if fit:
-            best = min(fit, key=lambda one: _figures(one).core)
-            figures = _figures(best)
+            name, figures = min(fit, key=lambda one: one[1].core)
             lines.append(
-                f"Cheapest setting {text}: **{best.setting.name}**, {figures.core:.1%} of a core "
+                f"Cheapest setting {text}: **{name}**, {figures.core:.1%} of a core "
                 f"at STOP {figures.stop:.1%} and the same level in {figures.same_level:.1%} "
                 f"(finest: {finest.core:.1%} at STOP {finest.stop:.1%})."
             )
     if offered:
-        best = min(offered, key=lambda one: (_figures(one).stop, _figures(one).core))
-        figures = _figures(best)
-        lines.append(
-            f"Least STOP: **{best.setting.name}**, {figures.stop:.1%} at {figures.core:.1%} "
-            "of a core."
-        )
+        name, figures = min(offered, key=lambda one: (one[1].stop, one[1].core))
+        lines.append(f"Least STOP: **{name}**, {figures.stop:.1%} at {figures.core:.1%} of a core.")
     better = [
-        one.setting.name
-        for one in offered
-        if _figures(one).core < CHEAPER * usual.core and _is_as_free(_figures(one), usual)
+        name
+        for name, figures in offered
+        if figures.core < CHEAPER * usual.core and _is_as_free(figures, usual)
     ]
     place = (
-        "Nothing here is both cheaper and no more cautious."
-        if not better
-        else f"Cheaper and no more cautious here: {', '.join(better)}."
+        f"Cheaper and no more cautious here: {', '.join(better)}."
+        if better
+        else "Nothing here is both cheaper and no more cautious."
     )
     lines.append(
         f"The default takes {usual.core:.1%} of a core at STOP {usual.stop:.1%} and has the finest "
         f"setting's level in {usual.same_level:.1%} of the ticks, at "
         f"{usual.core / finest.core:.1%} of its price. {place}"
     )
-    lines += _tell_operating(study, usual)
+    for setting, figures in found:
+        if setting.axis == OPERATING:
+            lines.append(
+                f"What operating limits buy: with **{setting.name}** STOP is "
+                f"{figures.stop:.1%} and SLOW {figures.slow:.1%} instead of the default's "
+                f"{usual.stop:.1%} and {usual.slow:.1%}, and {figures.work_lost:.1%} of the work "
+                f"are lost instead of {usual.work_lost:.1%}. State those limits that the "
+                "controller enforces."
+            )
     chosen = study.find(AUTO)
     if study.choice is not None and chosen is not None:
         settings, nearness, _ = study.choice.summary
@@ -154,42 +122,20 @@ def summarise(study: Study) -> list[str]:
             f"{chosen.core / finest.core:.1%} of its processor time and "
             f"{chosen.evaluated / finest.evaluated:.1%} of its evaluations."
         )
-    for name, exponent in fit_exponents(study.grown).items():
-        text = f"The price of a tick grows as pairs^{exponent:.2f} with schedule {name}"
-        lines.append(f"{text}, from {FROM} pairs on.")
     return lines
 
 
-def write_report(folder: Path, study: Study, about: About, pictures: Mapping[str, bytes]) -> None:
-    """Write all files; pictures are PNG files by name.
+def describe(study: Study, title: str, facts: Mapping[str, str]) -> dict[str, Any]:
+    """All that was found, as plain data.
 
-    Raises:
-        ArmguardError: One of them cannot be written.
+    Args:
+        study: What was found.
+        title: The arm and what moved about it.
+        facts: Command, machine, versions and seed, by name.
     """
-    heads, rows = tabulate(study)
-    legend = [f"- {line}" for line in LEGEND]
-    title = f"What accuracy costs: {about.title}"
-    page = write_page(
-        title,
-        summarise(study),
-        ["## Settings", "", *legend, "", *write_table(heads, rows)],
-        list_pictures(CAPTIONS, pictures),
-        _list_facts(study, about),
-        CSV_FILE,
-    )
-    files = {
-        JSON_FILE: write_json(describe(study, about)),
-        CSV_FILE: _write_csv(study),
-        PAGE: page,
-        HTML_FILE: write_html(title, page, pictures),
-    }
-    write_files(folder, {**files, **pictures})
-
-
-def describe(study: Study, about: About) -> dict[str, Any]:
-    """All that was found, as plain data; what is no number is null."""
     return {
-        **about._asdict(),
+        "title": title,
+        **facts,
         "seconds": round(study.seconds, 3),
         "interrupted": study.interrupted,
         "summary": summarise(study),
@@ -200,24 +146,12 @@ def describe(study: Study, about: About) -> dict[str, Any]:
                 "name": one.setting.name,
                 "axis": one.setting.axis,
                 "refused": one.refused,
-                **({"machine": one.machine} if one.machine else {}),
                 "figures": one.figures,
             }
             for one in study.outcomes
         ],
         "contacts": study.contacts,
-        "adversary": study.hunted,
-        "growth": [
-            {name: value for name, value in one._asdict().items() if name != "machine" or value}
-            for one in study.grown
-        ],
-        "exponents": fit_exponents(study.grown),
     }
-
-
-def _figures(outcome: Outcome) -> Figures:
-    assert outcome.figures is not None
-    return outcome.figures
 
 
 def _is_as_free(figures: Figures, usual: Figures) -> bool:
@@ -234,22 +168,6 @@ def _tell_levels(finest: Figures) -> str:
     return f"The scene, as the finest setting judges it: {told}."
 
 
-def _tell_operating(study: Study, usual: Figures) -> list[str]:
-    """What it buys to state operating limits, where settings differ in that alone."""
-    lines = []
-    for one in study.outcomes:
-        if one.setting.axis == OPERATING and one.figures is not None:
-            figures = one.figures
-            lines.append(
-                f"What operating limits buy: with **{one.setting.name}** STOP is "
-                f"{figures.stop:.1%} and SLOW {figures.slow:.1%} instead of the default's "
-                f"{usual.stop:.1%} and {usual.slow:.1%}, and {figures.work_lost:.1%} of the work "
-                f"are lost instead of {usual.work_lost:.1%}. State those limits that the "
-                "controller enforces."
-            )
-    return lines
-
-
 def _tell_contacts(study: Study) -> str:
     """How often the true arm was touched, and so what it is worth that nothing was missed."""
     if study.contacts is None:
@@ -262,51 +180,15 @@ def _tell_contacts(study: Study) -> str:
     return f"Contacts in the scene: {count}{aside}."
 
 
-def _write_csv(study: Study) -> bytes:
-    rows = []
-    for one in study.outcomes:
-        name, axis = one.setting.name, one.setting.axis
-        numbers = one.figures or [math.nan] * len(Figures._fields)
-        rows.append([name, axis, int(name in study.front), *numbers, one.refused])
-    return write_csv(["setting", "axis", "on_front", *Figures._fields, "refused"], rows)
-
-
 def tabulate(study: Study) -> tuple[list[str], list[list[str]]]:
     """The table for people: heads and rows, by axis; * marks settings on the front."""
     heads = ["setting", *(column.head for column in COLUMNS)]
-    order = {name: place for place, name in enumerate(["", *AXES, AUTO])}
+    order = ["", *AXES, AUTO]
     rows = []
-    for one in sorted(study.outcomes, key=lambda one: _place(one, order)):
+    for one in sorted(study.outcomes, key=lambda one: order.index(one.setting.axis)):
         name = f"{one.setting.name}{' *' if one.setting.name in study.front else ''}"
         if one.figures is None:
             rows.append([name, f"refused: {one.refused}", *[""] * (len(COLUMNS) - 1)])
-            continue
-        rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
+        else:
+            rows.append([name, *(column.show(one.figures) for column in COLUMNS)])
     return heads, rows
-
-
-def _place(outcome: Outcome, order: Mapping[str, int]) -> tuple[int, int]:
-    setting = outcome.setting
-    is_combined = not setting.axis and setting.name not in (DEFAULT, FINEST)
-    return int(is_combined), order.get(setting.axis, 0)
-
-
-def _list_facts(study: Study, about: About) -> list[str]:
-    versions = ", ".join(f"{name} {version}" for name, version in about.versions.items())
-    return [
-        f"Command: `{about.command}`",
-        f"Scene: {about.title}, {study.seconds:g} s of it, seed {about.seed}",
-        f"Operating limits of the default: {about.operating}",
-        f"Machine: {about.machine}",
-        *([f"Measured: {_count_machines(study)}"] if _count_machines(study) else []),
-        f"Versions: {versions}",
-    ]
-
-
-def _count_machines(study: Study) -> str:
-    """How much was measured on which machine; times of different ones do not compare."""
-    told = []
-    for what, rows in (("settings", study.outcomes), ("sizes of the growth", study.grown)):
-        counts = collections.Counter(one.machine for one in rows if one.machine)
-        told += [f"{count} {what} on {machine}" for machine, count in sorted(counts.items())]
-    return ", ".join(told)

@@ -23,6 +23,7 @@ from armguard.lab.simulation import (
 from armguard.lab.simulation.person import DURATIONS
 from armguard.lab.simulation.recordings import place_recording
 from armguard.lab.simulation.trajectory import plan_work
+from armguard.messages.batch import ObstacleBatch
 from armguard.obstacles.obstacles import Obstacles
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
@@ -72,39 +73,6 @@ class Site(NamedTuple):
         return self.settings.get("base_placement") or pinocchio.SE3.Identity()
 
 
-class Message(NamedTuple):
-    """One call of `Obstacles.update`."""
-
-    stamp: float
-    """[s]."""
-    source: str
-    ids: tuple[str, ...]
-    position: Array
-    """In the world, [m]. Shape (n, k, 3)."""
-    velocity: Array
-    """[m]/[s]. Shape (n, k, 3)."""
-    radius: Array
-    """[m]. Shape (n,)."""
-    bounds: dict[str, Any]
-    """Accelerations, speeds and errors, where they are stated."""
-
-    def bound(self, name: str, row: int, otherwise: float = 0.0) -> float:
-        """A bound or error of one row, `otherwise` where none is stated."""
-        return float(np.broadcast_to(self.bounds.get(name, otherwise), len(self.ids))[row])
-
-    def tell(self, obstacles: Obstacles) -> None:
-        """Hand it to a table."""
-        obstacles.update(
-            self.ids,
-            self.stamp,
-            self.position,
-            self.velocity,
-            radius=self.radius,
-            source=self.source,
-            **self.bounds,
-        )
-
-
 class Scene:
     """One arm's way, and what is told of obstacles meanwhile.
 
@@ -116,7 +84,8 @@ class Scene:
         begin: What passes before, in [s].
 
     Attributes:
-        messages: In the order of their stamps.
+        messages: In the order of their stamps, with points and velocities in the world, of shape
+            (n, k, 3), and radii of shape (n,).
         seconds: As given.
         trajectory: Of the arm.
     """
@@ -131,12 +100,14 @@ class Scene:
     ) -> None:
         self.seconds = seconds
         self.trajectory = _plan_work(site, seed, min(seconds, CYCLE))
-        self.messages: list[Message] = []
+        self.messages: list[ObstacleBatch] = []
         for source in sources:
-            source.publish(_Notebook(self.messages, begin, site), begin + seconds)
+            told_by = site.sources[0] if site.sources else source.name
+            source.publish(Notebook(self.messages, begin, site.base, told_by), begin + seconds)
         for name in site.sources[1:]:
+            notebook = Notebook(self.messages, 0.0, site.base, name)
             for tick in range(math.ceil(seconds / 0.05)):
-                self.messages.append(_heartbeat(0.05 * tick, name))
+                notebook.update([], 0.05 * tick, [])
         self.messages.sort(key=lambda message: message.stamp)
 
     def sample(self, time: float) -> tuple[Array, Array]:
@@ -181,11 +152,22 @@ def make_scene(
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
 
-class _Notebook:
-    """Takes down what a source says from the scene's begin on, at the scene's times."""
+class Notebook:
+    """Takes down what a source says, as an `ObstacleSink`.
 
-    def __init__(self, messages: list[Message], begin: float, site: Site) -> None:
-        self._messages, self._begin, self._site = messages, begin, site
+    Args:
+        messages: Are added to.
+        begin: Of the scene: what is said before is left out, and stamps are counted from it, in
+            [s].
+        base: Of the arm's base in the world; places are said in its frame.
+        source: Under which name it is told.
+    """
+
+    def __init__(
+        self, messages: list[ObstacleBatch], begin: float, base: pinocchio.SE3, source: str
+    ) -> None:
+        self._messages, self._begin, self._base = messages, begin, base
+        self._source = source
 
     def update(
         self,
@@ -193,38 +175,39 @@ class _Notebook:
         stamp: float,
         position: ArrayLike,
         velocity: ArrayLike | None = None,
-        radius: ArrayLike | None = None,
-        source: str = "default",
-        **bounds: ArrayLike | None,
+        radius: ArrayLike = 0.0,
+        accel: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        position_error: ArrayLike = 0.0,
+        velocity_error: ArrayLike = 0.0,
+        source: str = "",
     ) -> None:
         """Take down one call."""
         if stamp < self._begin - 1e-9:
             return
-        count = len(ids)
-        name = self._site.sources[0] if self._site.sources else source
-        if not count:
-            self._messages.append(_heartbeat(stamp - self._begin, name))
-            return
-        places = np.array(position, dtype=np.float64).reshape(count, -1, 3)
-        paces = np.zeros(places.shape)
-        if velocity is not None:
-            paces = np.array(velocity, dtype=np.float64).reshape(places.shape)
-        base = self._site.base
+        shape, base = (len(ids), -1 if ids else 1, 3), self._base
+        points = np.reshape(np.asarray(position, dtype=np.float64), shape)
+        paces = np.zeros(points.shape) if velocity is None else np.reshape(velocity, shape)
+
+        def spread(values: ArrayLike) -> Array:
+            return np.broadcast_to(np.asarray(values, dtype=np.float64), len(ids)).copy()
+
         self._messages.append(
-            Message(
+            ObstacleBatch(
+                list(ids),
                 stamp - self._begin,
-                name,
-                tuple(ids),
-                places @ base.rotation.T + base.translation,
+                points @ base.rotation.T + base.translation,
                 paces @ base.rotation.T,
-                np.broadcast_to(np.asarray(radius, dtype=np.float64), (count,)).copy(),
-                {name: value for name, value in bounds.items() if value is not None},
+                spread(radius),
+                None if accel is None else spread(accel),
+                None if speed is None else spread(speed),
+                spread(position_error),
+                spread(velocity_error),
+                self._source,
+                "world",
+                False,
             )
         )
-
-
-def _heartbeat(stamp: float, source: str) -> Message:
-    return Message(stamp, source, (), np.empty((0, 1, 3)), np.empty((0, 1, 3)), np.empty(0), {})
 
 
 def find_published(robot: Robot) -> OperatingLimits | None:

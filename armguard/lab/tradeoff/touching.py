@@ -8,9 +8,10 @@ obstacles assume. No monitor can prevent these contacts; what it says before the
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
-from armguard.lab.tradeoff.scene import Message, Scene, Site
+from armguard.lab.tradeoff.scene import Notebook, Scene, Site
 from armguard.lab.tradeoff.truth import TrueArm
 
 Array = NDArray[np.float64]
@@ -49,15 +50,11 @@ def add_touching(scene: Scene, site: Site, count: int, seed: int) -> str:
         ways.append((time, waits, touched))
     ids = tuple(f"touching-{number}" for number in range(count))
     source = site.sources[0] if site.sources else SOURCE
+    notebook = Notebook(scene.messages, 0.0, pinocchio.SE3.Identity(), source)
     for tick in range(round(scene.seconds * RATE) + 1):
         states = [find_state(tick / RATE - time, *ends) for time, *ends in ways]
         places, paces = (np.array([state[part] for state in states]) for part in (0, 1))
-        scene.messages.append(
-            Message(
-                tick / RATE, source, ids, places[:, None], paces[:, None],
-                np.full(count, RADIUS), {},
-            )
-        )  # fmt: skip
+        notebook.update(ids, tick / RATE, places, paces, RADIUS)
     scene.messages.sort(key=lambda message: message.stamp)
     return f"{count} balls that touch it"
 

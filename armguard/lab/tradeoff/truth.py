@@ -7,14 +7,14 @@ here is a contact; one of a face's inside may be missed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 
-from armguard.lab.tradeoff.scene import Message, Scene
+from armguard.lab.tradeoff.scene import Scene
+from armguard.messages.batch import Field, ObstacleBatch
 from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -22,9 +22,8 @@ Array = NDArray[np.float64]
 DOUBT = 0.5
 """How long after it broke its bounds nothing was promised of a body, in [s]."""
 
-Bounds = Callable[[Message, int], tuple[float, float, float, float]]
-"""Of a row of a message: acceleration [m]/[s²], speed [m]/[s], errors of position [m] and velocity
-[m]/[s]."""
+Seen = tuple[ObstacleBatch, int]
+"""A message and the row of a body in it."""
 
 
 class TrueArm:
@@ -105,11 +104,18 @@ class Contact(NamedTuple):
     """Whether the body broke its stated bounds shortly before, so that nothing was promised."""
 
 
-def find_contacts(scene: Scene, arm: TrueArm, bounds: Bounds) -> list[Contact]:
-    """All contacts of an arm that moves, with bodies as they were told, in the order of time."""
+def find_contacts(scene: Scene, arm: TrueArm, accel: float, speed: float) -> list[Contact]:
+    """All contacts of an arm that moves, with bodies as they were told, in the order of time.
+
+    Args:
+        scene: What happened.
+        arm: Whose surface counts.
+        accel: Bound on the acceleration of bodies of which none is told, in [m]/[s²].
+        speed: Bound on the speed of those, in [m]/[s].
+    """
     contacts: list[Contact] = []
     touching: set[str] = set()
-    past: dict[str, list[tuple[Message, int]]] = {}
+    past: dict[str, list[Seen]] = {}
     for message in scene.messages:
         if not message.ids:
             continue
@@ -118,36 +124,42 @@ def find_contacts(scene: Scene, arm: TrueArm, bounds: Bounds) -> list[Contact]:
         for row, body in enumerate(message.ids):
             seen = past.setdefault(body, [])
             seen.append((message, row))
-            gap, _, _ = arm.gap(message.position[row], float(message.radius[row]))
+            gap, _, _ = arm.gap(message.position[row], float(np.asarray(message.radius)[row]))
             if gap > 0.0:
                 touching.discard(body)
             elif body not in touching:
                 touching.add(body)
                 if np.abs(v).max() > 1e-6 and len(seen) > 1:
-                    is_beyond = _broke_bounds(seen, bounds)
+                    is_beyond = _broke_bounds(seen, accel, speed)
                     contacts.append(Contact(message.stamp, seen[0][0].stamp, body, is_beyond))
     return contacts
 
 
-def _broke_bounds(seen: list[tuple[Message, int]], bounds: Bounds) -> bool:
+def _broke_bounds(seen: list[Seen], usual_accel: float, usual_speed: float) -> bool:
     """Whether two of a body's last samples cannot both be true of one within its bounds."""
     end = seen[-1][0].stamp
     recent = [one for one in seen if one[0].stamp >= end - DOUBT]
     for k, (first, i) in enumerate(recent):
-        accel, speed, place_error, pace_error = bounds(first, i)
+        accel, speed = _read(first.accel, i, usual_accel), _read(first.speed, i, usual_speed)
         for later, j in recent[k + 1 :]:
-            _, _, later_place_error, later_pace_error = bounds(later, j)
-            time, errors = later.stamp - first.stamp, place_error + later_place_error
+            time = later.stamp - first.stamp
+            errors = _read(first.position_error, i) + _read(later.position_error, j)
+            pace_error = _read(first.velocity_error, i)
             moved = later.position[j] - first.position[i]
-            straight = moved - first.velocity[i] * time
-            turned = later.velocity[j] - first.velocity[i]
+            pace, later_pace = np.asarray(first.velocity)[i], np.asarray(later.velocity)[j]
+            straight, turned = moved - pace * time, later_pace - pace
             is_fine = (
                 np.linalg.norm(straight, axis=1).max()
                 <= 0.5 * accel * time**2 + pace_error * time + errors + 1e-9
                 and np.linalg.norm(moved, axis=1).max() <= speed * time + errors + 1e-9
                 and np.linalg.norm(turned, axis=1).max()
-                <= accel * time + pace_error + later_pace_error + 1e-9
+                <= accel * time + pace_error + _read(later.velocity_error, j) + 1e-9
             )
             if not is_fine:
                 return True
     return False
+
+
+def _read(values: Field | None, row: int, otherwise: float = 0.0) -> float:
+    """A bound or an error of one row; `otherwise` where none is told."""
+    return otherwise if values is None else float(np.asarray(values)[row])

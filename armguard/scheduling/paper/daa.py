@@ -205,11 +205,6 @@ class DaaSchedule:
     def __len__(self) -> int:
         return len(self._rows)
 
-    @property
-    def flagged_count(self) -> int:
-        """Number of flagged pairs."""
-        return int(self._table.counts[_FLAGGED])
-
     def insert(self, pairs: ArrayLike) -> None:
         """Take in new pairs: at the end, and due at the next `due`. Shape (n,)."""
         numbers = read_pairs(pairs)
@@ -287,20 +282,11 @@ class DaaSchedule:
 
     def flagged(self) -> IntArray:
         """Pairs that might come too near before their next visit. Shape (f,)."""
-        return self._table.pair[self._table.flagged[: self.flagged_count]]
+        return self._table.pair[self._table.flagged[: self._table.counts[_FLAGGED]]]
 
     def ranking(self) -> IntArray:
         """All pairs in the order of their places. Shape (M,)."""
         return self._table.pair[self._table.occupant[1 : len(self) + 1]]
-
-    def place_of(self, pair: int) -> int:
-        """Where a pair stands: 1 … M."""
-        return int(self._table.place[self._look_up(read_pairs([pair]))[0]])
-
-    def bucket_of(self, pair: int) -> int:
-        """The bucket in which a pair stands, from 0 on."""
-        place = self.place_of(pair)
-        return int(np.searchsorted(self._partition.bases, place, side="right")) - 1
 
     def _look_up(self, numbers: IntArray) -> IntArray:
         rows = [self._rows.get(number, -1) for number in numbers.tolist()]

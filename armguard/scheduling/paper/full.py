@@ -25,31 +25,23 @@ class FullSchedule:
     """All pairs are due, none is ever flagged."""
 
     def __init__(self) -> None:
-        self._members: dict[int, None] = {}
-        self._numbers = np.empty(0, dtype=np.int64)
-        self._stale = False
-        self._awaiting = False
         self._contact_times: FloatArray = np.empty(0)
-        self._settled: IntArray = self._numbers
+        self._settled: IntArray = np.empty(0, dtype=np.int64)
+        self._change(self._settled)
 
     def __len__(self) -> int:
-        return len(self._members)
+        return self._numbers.size
 
     def insert(self, pairs: ArrayLike) -> None:
         """Take in new pairs. Shape (n,)."""
-        numbers = read_pairs(pairs).tolist()
-        for number in numbers:
-            if number in self._members:
-                raise refuse_known(number)
-        self._members.update(dict.fromkeys(numbers))
-        self._change()
+        numbers = read_pairs(pairs)
+        for number in numbers[np.isin(numbers, self._numbers)].tolist():
+            raise refuse_known(number)
+        self._change(np.concatenate([self._numbers, numbers]))
 
     def remove(self, pairs: ArrayLike) -> None:
         """Let go of pairs. Shape (n,)."""
-        numbers = self._read_members(pairs)
-        for number in numbers:
-            del self._members[number]
-        self._change()
+        self._change(self._numbers[~np.isin(self._numbers, self._read_members(pairs))])
 
     def touch(self, pairs: ArrayLike) -> None:
         """Nothing to do, as every pair is due anyway. Shape (n,)."""
@@ -58,10 +50,6 @@ class FullSchedule:
 
     def due(self) -> IntArray:
         """All pairs, in the order in which they came; read-only. Shape (M,)."""
-        if self._stale:
-            self._numbers = np.fromiter(self._members, dtype=np.int64, count=len(self._members))
-            self._numbers.flags.writeable = False
-            self._stale = False
         self._awaiting = True
         return self._numbers
 
@@ -85,18 +73,18 @@ class FullSchedule:
     def ranking(self) -> IntArray:
         """All pairs by their last results, most imminent first; new ones at the end. Shape (M,)."""
         order = self._settled[np.argsort(self._contact_times, kind="stable")]
-        if not self._stale and self._settled is self._numbers:
+        if self._settled is self._numbers:
             return order
-        ranked = dict.fromkeys(n for n in order.tolist() if n in self._members)
-        return np.array([*ranked, *(n for n in self._members if n not in ranked)], dtype=np.int64)
+        new = self._numbers[~np.isin(self._numbers, order)]
+        return np.concatenate([order[np.isin(order, self._numbers)], new])
 
-    def _read_members(self, pairs: ArrayLike) -> list[int]:
-        numbers: list[int] = read_pairs(pairs).tolist()
-        for number in numbers:
-            if number not in self._members:
-                raise refuse_unknown(number)
+    def _read_members(self, pairs: ArrayLike) -> IntArray:
+        numbers = read_pairs(pairs)
+        for number in numbers[~np.isin(numbers, self._numbers)].tolist():
+            raise refuse_unknown(number)
         return numbers
 
-    def _change(self) -> None:
-        self._stale = True
+    def _change(self, numbers: IntArray) -> None:
+        self._numbers = numbers
+        self._numbers.flags.writeable = False
         self._awaiting = False

@@ -62,12 +62,3 @@ def test_an_arm_that_ignores_a_stop_has_no_reaction_time():
     assert "reaction_time = " not in lines
     assert "# not measured: joint0, STOP at 5.600 s: it ends before the joint is slow" in lines
     assert "1 more could not be measured" in found.brakes["joint0"][-1].source
-
-
-def test_a_stop_too_short_to_be_obeyed_is_told_beside_the_reaction_time():
-    seen = sample(Arm([1.0], [3.0], [4.0], 0.04), [0.7, 2.3], 6.0)
-    found = commission(seen._replace(stops=[*seen.stops, StopCommand(4.0, 4.02)]))
-    assert 0.04 <= found.response <= 0.044
-    lines = write_cell_lines(found)
-    assert "reaction_time = " in lines
-    assert "# not measured: joint0, STOP at 4.000 s" in lines

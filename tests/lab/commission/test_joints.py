@@ -62,14 +62,6 @@ def test_the_steps_of_an_encoder_are_found(quantum):
         assert 0.5 * quantum <= measure_errors(found, joint).position <= quantum
 
 
-def test_too_few_states_have_no_errors():
-    found = sample(ARM, [], 3.0)
-    assert (
-        measure_errors(found._replace(stamps=found.stamps[:4], q=found.q[:4], v=found.v[:4]), 0)
-        is None
-    )
-
-
 def make_followed(off, off_velocity=0.0):
     times = np.linspace(0.0, 2.0, 41)
     course = np.stack([np.sin(times), 0.5 * np.cos(times)], axis=1)

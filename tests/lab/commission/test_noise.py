@@ -12,10 +12,6 @@ def test_noise_is_found_on_a_smooth_course_with_kinks(deviation):
     assert estimate_noise(noisy) == pytest.approx(deviation, rel=0.1, abs=1e-6)
 
 
-def test_noise_of_next_to_nothing_is_none():
-    assert estimate_noise(np.zeros(2)) == 0.0
-
-
 def test_parabolas_are_fitted_exactly_at_any_spacing():
     times = np.cumsum(np.random.default_rng(2).uniform(0.5, 1.5, 200))
     values, slopes, residuals = fit_windows(times, 3.0 - 2.0 * times + 0.25 * times**2, 4)

@@ -27,20 +27,6 @@ def test_a_plan_ends_with_the_next_one_or_a_stop():
     assert ended == [3.0, 4.0]
 
 
-def test_a_recorded_run_is_read_as_it_was(tmp_path):
-    path = tmp_path / "run.mcap"
-    recordings_made.record(path)
-    seen = observe(Recording(path))
-    assert (np.diff(seen.stamps) > 0.0).all()
-    assert np.isfinite(seen.q).all()
-    assert np.isfinite(seen.v).all()
-    assert seen.q.shape == seen.v.shape == (len(seen.stamps), len(seen.robot.joints))
-    assert all(stop.told <= stop.ended for stop in seen.stops)
-    for source in seen.sources.values():
-        assert len(source.stamps) == len(source.ages)
-        assert source.ages.min() > -1.0
-
-
 def test_a_recording_without_an_arm_at_work_is_refused(tmp_path):
     path = tmp_path / "run.mcap"
     recordings_made.record(path)

@@ -24,17 +24,6 @@ def test_rate_age_and_spread_are_found(seed, spread):
     assert (found.median_age, found.oldest) == pytest.approx((0.004, 0.05))
 
 
-def test_the_longest_silence_is_found():
-    seen = make()
-    gone = np.r_[0:100, 160:400]
-    found = measure_source(seen._replace(stamps=seen.stamps[gone], ages=seen.ages[gone], tracks={}))
-    # From a stamp until the next message arrived, 4 ms after its own.
-    assert found.usual_silence == pytest.approx(0.014)
-    assert found.longest_silence == pytest.approx(0.614)
-    assert found.rate == pytest.approx(100.0)
-    assert np.isnan(found.spread)
-
-
 def test_a_source_that_hardly_spoke_tells_nothing():
     assert measure_source(make(messages=10)) is None
     seen = make(messages=100)

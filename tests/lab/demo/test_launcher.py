@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 from pathlib import Path
 
@@ -19,14 +18,6 @@ from support.demo_processes import RunningDemo, finish
 RECORDINGS = Path(
     os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[3] / "../shared/data/human-motion")
 )
-
-
-def test_a_page_whose_port_is_taken_is_a_mistake(tmp_path):
-    with RunningDemo("--port", "1000000", folder=tmp_path) as demo:
-        out, err = finish(demo)
-    assert demo.process.returncode == 2
-    assert out == ""
-    assert re.fullmatch(r"armguard: port 1000000 [^\n]+\n", err)
 
 
 def test_mistakes_are_raised_before_anything_is_started():

@@ -86,7 +86,7 @@ def test_an_interrupt_while_the_page_opens_ends_in_a_summary(tmp_path, monkeypat
     log.touch()
     command = [sys.executable, "-c", MONITOR.format(needed=needed)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as monitor:
-        watcher = Watcher(monitor, {}, log, Console(quiet=True), live=False)
+        watcher = Watcher(monitor, {}, log, Console(quiet=True))
         assert watcher.run(f"ipc://{tmp_path}/frames", open_page) == ({"ticks": 7}, "")
 
 
@@ -107,7 +107,7 @@ def test_an_interrupt_while_a_socket_is_made_ends_in_a_summary(tmp_path, monkeyp
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as monitor:
-            watcher = Watcher(monitor, {}, log, Console(quiet=True), live=False)
+            watcher = Watcher(monitor, {}, log, Console(quiet=True))
             assert watcher.run(f"ipc://{tmp_path}/frames") == ({"ticks": 7}, "")
     finally:
         signal.signal(signal.SIGINT, before)

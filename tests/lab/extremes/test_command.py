@@ -4,23 +4,32 @@ import pytest
 
 from armguard.app.cli import main
 from armguard.lab.extremes import command as extremes
-from armguard.lab.extremes.line import SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import SOUND, UNSOUND, Line
 
 
 @pytest.fixture
 def found(monkeypatch):
     """What the measurement finds, instead of measuring."""
     lines = [Line("radius", "1 m", SOUND)]
-    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (lines, True))
+    monkeypatch.setattr(
+        extremes, "measure_all", lambda seed, all_lines, tell: all_lines.extend(lines)
+    )
     return lines
+
+
+def interrupt(lines, monkeypatch):
+    def measure(seed, all_lines, tell):
+        all_lines.extend(lines)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(extremes, "measure_all", measure)
 
 
 def test_the_page_is_printed_or_written(found, tmp_path, capsys):
     assert main(["extremes"]) == 0
     assert "# At the extremes" in capsys.readouterr().out
     assert main(["extremes", "--out", str(tmp_path / "page.md")]) == 0
-    out = capsys.readouterr().out
-    assert "1 cases: 1 sound" in out
+    assert "1 cases: 1 sound" in capsys.readouterr().out
     assert "| 1 m | sound |" in (tmp_path / "page.md").read_text()
 
 
@@ -30,39 +39,30 @@ def test_what_is_unsound_is_an_exit_code(found, capsys):
     assert "please report it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("out", [".", "no/such/page.md"])
-def test_a_page_that_cannot_be_written_is_a_mistake(out, found, capsys):
-    assert main(["extremes", "--out", out]) == 2
+@pytest.mark.parametrize("words", [["--out", "."], ["--out", "no/such/page.md"], ["--seed", "-1"]])
+def test_a_mistake_is_one_line(words, found, capsys):
+    assert main(["extremes", *words]) == 2
     out, err = capsys.readouterr()
-    assert re.fullmatch(r"armguard: --out [^\n]+ cannot be written [^\n]+\n", err)
+    assert re.fullmatch(rf"armguard: {words[0]}[^\n]+\n", err)
     assert out == ""
 
 
 def test_an_interrupt_keeps_what_was_found(found, monkeypatch, capsys):
-    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: (found, False))
+    interrupt(found, monkeypatch)
     assert main(["extremes"]) == 0
     out = capsys.readouterr().out
     assert "Interrupted: what is missing had not begun." in out
     assert "| 1 m | sound |" in out
-
-
-def test_an_interrupt_before_anything_says_so(monkeypatch, capsys):
-    monkeypatch.setattr(extremes, "measure_rows", lambda extent, rows, tell: ([], False))
+    interrupt([], monkeypatch)
     assert main(["extremes"]) == 130
     assert "interrupted before there was anything" in capsys.readouterr().err
 
 
-def test_lines_by_rows_are_kept_beside_the_page(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(extremes, "measure_rows", measure_few)
-    assert main(["extremes", "--resume", "--out", str(tmp_path / "page.md")]) == 0
-    assert "1 cases: 1 sound" in capsys.readouterr().out
-    assert (tmp_path / "page.md.kept" / "rows" / "study.json").is_file()
-    assert "Measured: 1 lines on a machine" in (tmp_path / "page.md").read_text()
-    assert main(["extremes", "--resume", "--seed", "1", "--out", str(tmp_path / "page.md")]) == 2
-    assert "of another study: seed was 0, is 1" in capsys.readouterr().err
-    assert main(["extremes", "--resume"]) == 2
-    assert "--out: is needed" in capsys.readouterr().err
-
-
-def measure_few(extent, rows, tell):
-    return [Line("radius", "1 m", SOUND, machine="a machine")], True
+def test_all_cases_are_measured_in_their_order(monkeypatch):
+    monkeypatch.setattr(extremes.Evaluations, "measure", lambda one, seed: one.group)
+    monkeypatch.setattr(extremes.Case, "measure", lambda one, seed: one.group)
+    groups, told = [], []
+    extremes.measure_all(0, groups, lambda text, share: told.append(share))
+    assert groups[0] == "acceleration of a body"
+    assert groups[-1] == "joints"
+    assert len(groups) == len(told) > 60

@@ -1,10 +1,10 @@
 from armguard.lab.extremes import evaluations
-from armguard.lab.extremes.evaluations import list_evaluations, measure_evaluation
-from armguard.lab.extremes.line import SOUND, UNSOUND
+from armguard.lab.extremes.evaluations import list_evaluations
+from armguard.lab.extremes.report import SOUND, UNSOUND
 
 
 def measure_all(cases, seed):
-    return [measure_evaluation(number, cases, seed) for number in range(len(list_evaluations()))]
+    return [one.measure(seed, cases) for one in list_evaluations()]
 
 
 def test_evaluations_are_sound_and_tight_far_from_everyday_numbers():

@@ -1,7 +1,6 @@
 import math
 
-from armguard.lab.extremes.line import REFUSED, SOUND, UNSOUND, Line
-from armguard.lab.extremes.report import summarise, write_page
+from armguard.lab.extremes.report import REFUSED, SOUND, UNSOUND, Line, summarise, write_page
 
 LINES = [
     Line("radius", "1 m", SOUND, 1.0 - 2e-12, 0.5, 0.123456, "10 cases"),

@@ -128,22 +128,6 @@ def test_what_cannot_be_tried_is_no_failure_of_the_monitor(missing, monkeypatch)
     assert cell.now <= campaign.PATIENCE + 4.0, "it comes to an end"
 
 
-def test_a_cell_that_gets_sound_again_and_never_works_is_one(monkeypatch):
-    cell = SlowCell(monkeypatch)
-    monkeypatch.setattr(cell, "end", lambda: setattr(cell, "_moves_from", np.inf))
-    assert make_trial(cell, CROWD, 4.0).was_tried
-    assert cell.now >= campaign.PATIENCE
-
-
-def test_what_latches_before_a_fault_is_reset(monkeypatch):
-    cell = StoppedCell()
-    gap = Reason(ReasonKind.JOINT_STATE_GAP)
-    cell.heard.append(Heard(0.0, Level.STOP, (gap,)))
-    trial = make_trial(cell, CROWD, 0.3)
-    assert trial.was_tried
-    assert trial.resets == 0, "it was before the fault"
-
-
 def test_a_thing_that_drifts_is_there_while_its_fault_lasts():
     fault = Fault("drifting", "camera", "disturb", kind="static", duration=2.0)
     trial = Trial(fault, 10.0, 12.0, None, 0)

@@ -5,17 +5,14 @@ from armguard.lab.faults.catalogue import SILENCE, choose_faults, list_faults
 from armguard.verdict import ReasonKind
 
 
-def test_names_are_told_apart():
-    names = [fault.name for fault in list_faults()]
-    assert len(set(names)) == len(names)
-
-
-@pytest.mark.parametrize("fault", list_faults(), ids=lambda fault: fault.name)
-def test_each_sign_is_one_that_can_be_given(fault):
-    for sign in fault.signs:
-        is_reason = sign in ReasonKind.__members__
-        assert is_reason or sign == SILENCE or sign != sign.upper(), "misspelt"
-    assert fault.duration > 0.0
+def test_each_fault_has_a_name_of_its_own_and_signs_that_can_be_given():
+    faults = list_faults()
+    assert len({fault.name for fault in faults}) == len(faults)
+    for fault in faults:
+        assert fault.duration > 0.0
+        for sign in fault.signs:
+            is_reason = sign in ReasonKind.__members__
+            assert is_reason or sign == SILENCE or sign != sign.upper(), f"{fault.name}: misspelt"
 
 
 def test_all_kinds_of_trouble_are_there():

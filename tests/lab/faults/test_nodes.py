@@ -1,10 +1,5 @@
 """The processes that stand for a camera and a robot, each alone with a monitor of the test's."""
 
-import json
-import os
-import signal
-import subprocess
-import sys
 import time
 
 import msgspec
@@ -14,6 +9,7 @@ import pytest
 from armguard.lab.faults import nodes
 from armguard.lab.faults.disturbance import Disturbance
 from armguard.lab.faults.scene import make_trajectory, sample_people, visit_period
+from armguard.lab.simulation.processes import start_device
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage, decode
 from armguard.streams import SocketInput, VerdictPublisher
 from armguard.verdict import Level
@@ -30,7 +26,7 @@ def start(tmp_path):
     running = []
 
     def start_node(node):
-        running.append(nodes.start(node, log))
+        running.append(start_device(node, log, takes_orders=True))
         return running[-1]
 
     with (tmp_path / "log").open("wb") as log:
@@ -43,10 +39,6 @@ def start(tmp_path):
 
 def read(path):
     return nodes.read_rows(path, JOINTS) if path.exists() else np.zeros((0, 3 + 2 * JOINTS))
-
-
-def make_truth(path, rows):
-    path.write_bytes(np.array(rows).tobytes())
 
 
 def test_rows_are_read_whole_or_not_at_all(tmp_path):
@@ -110,7 +102,7 @@ def test_a_driver_tells_what_the_drives_do_until_it_is_disturbed(tmp_path, start
     source = SocketInput(f"ipc://{tmp_path}/joints")
     driver = start(nodes.Driver(joints=source.address, truth=str(path)))
     row = [5.0, 1.0, 0.0, *range(14)]
-    make_truth(path, [[0.0] * 17, row])
+    path.write_bytes(np.array([[0.0] * 17, row]).tobytes())
     message = receive(source, lambda message: True)
     assert message.stamp == 5.0
     assert np.frombuffer(message.q).tolist() == row[3:10]
@@ -144,28 +136,3 @@ def test_a_camera_tells_where_the_people_are_and_what_a_disturbance_adds(tmp_pat
     assert isinstance(heartbeat, ObstaclesMessage)
     assert heartbeat.seq is None
     source.close()
-
-
-def test_a_node_ends_with_the_process_that_started_it(tmp_path):
-    node = nodes.Camera(obstacles=f"ipc://{tmp_path}/obstacles", start=0.0)
-    described = json.dumps(msgspec.json.encode(node).decode())
-    code = (
-        "import os, subprocess, sys; p = subprocess.Popen([sys.executable, '-m', "
-        f"'armguard.lab.faults.nodes', {described}, str(os.getpid())], "
-        "stdin=subprocess.PIPE); print(p.pid, flush=True); sys.stdin.read()"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as parent:
-        pid = int(parent.stdout.readline())
-        time.sleep(0.5)
-        os.kill(parent.pid, signal.SIGKILL)
-
-    def is_gone():
-        try:
-            with open(f"/proc/{pid}/stat") as file:
-                return file.read().rsplit(")", 1)[1].split()[0] == "Z"
-        except OSError:
-            return True
-
-    wait_until(is_gone)

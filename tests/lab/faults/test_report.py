@@ -1,44 +1,29 @@
-import io
-
 import numpy as np
-from rich.console import Console
 
 from armguard.lab.faults.campaign import CampaignReport, Replayed
 from armguard.lab.faults.catalogue import Fault
 from armguard.lab.faults.outcome import Outcome
 from armguard.lab.faults.report import COLUMNS, describe, draw_table, list_cells, write_page
 from armguard.lab.faults.truth import Closest
-from armguard.recording.provenance import describe_software
 
 FAULT = Fault("dropout", "camera", "disturb", ("SOURCE_SILENT",))
-GOOD = Outcome(
-    FAULT,
-    0.3004,
-    "STOP",
-    "silent | a camera",
-    0.01,
-    1,
-    (),
-    Closest(0, 0.4, 0.5),
-    Closest(1, 0, 1),
-    0,
-    0,
-)
+OBEYING, IGNORING = Closest(0, 0.4, 0.5), Closest(1, 0, 1)
+GOOD = Outcome(FAULT, 0.3004, "STOP", "silent | a camera", 0.01, 1, (), OBEYING, IGNORING, 0)
 BAD = GOOD._replace(
     fault=FAULT._replace(name="swap"), detected=None, obeying=Closest(2, -0.01, 0.5), missing=3
 )
 REPLAYED = Replayed("a.mcap", 1000, True, False, 0)
 
 
-def make(*outcomes, replayed=(REPLAYED,)):
+def make(*outcomes, replayed=REPLAYED):
     contacts = sum(one.obeying.contacts for one in outcomes)
-    return CampaignReport(list(outcomes), list(replayed), Closest(contacts, 0.4, 0.5), 90.0)
+    return CampaignReport(list(outcomes), [replayed], Closest(contacts, 0.4, 0.5), 90.0)
 
 
 def test_a_campaign_passes_only_if_all_is_as_it_must_be():
     assert make(GOOD).passed
     assert not make(GOOD, BAD).passed
-    assert not make(GOOD, replayed=[REPLAYED._replace(identical=False)]).passed
+    assert not make(GOOD, replayed=REPLAYED._replace(identical=False)).passed
 
 
 def test_a_row_says_what_was_found():
@@ -60,40 +45,28 @@ def test_the_page_has_a_row_a_fault_and_names_what_is_wrong():
     assert len({line.count("|") for line in rows}) == 1
     assert "swap: not detected" in page
     assert "2 faults in 1.5 minutes" in page
-    software = describe_software()
-    assert f" on {software['processor']}, " in page
-    assert f"; armguard {software['armguard']}, " in page
     assert "1000 verdicts replays bit-identically, nothing lost" in page
     assert "Not as it must be" not in write_page(make(GOOD))
-    torn = write_page(make(GOOD, replayed=[REPLAYED._replace(identical=False, cut_off=True)]))
+    torn = write_page(make(GOOD, replayed=REPLAYED._replace(identical=False, cut_off=True)))
     assert "does not replay identically" in torn
+    assert draw_table(make(GOOD, BAD)).row_count == 2
 
 
 def test_what_could_not_be_tried_is_told_apart_from_what_is_wrong():
     untried = GOOD._replace(
         fault=FAULT._replace(name="crowd"), obeying=Closest(0, np.inf, 0.0), was_tried=False
     )
-    report = make(GOOD, untried)
-    assert report.passed
+    assert make(GOOD, untried).passed
     assert not make(untried).passed, "then nothing was shown"
     assert list_cells(untried)[3] == "could not be tried on this machine"
-    page = write_page(report)
+    page = write_page(make(GOOD, untried))
     assert "hit in 1 of 1 faults. Could not be tried on this machine: crowd." in page
     assert "Not as it must be" not in page
-    assert [row["tried"] for row in describe(report)["faults"]] == [True, False]
-
-
-def test_the_table_shows_what_is_wrong():
-    output = io.StringIO()
-    Console(file=output, width=200).print(draw_table(make(GOOD, BAD)))
-    assert "swap" in output.getvalue()
-    assert "**" not in output.getvalue()
 
 
 def test_the_object_has_all_of_it():
     told = describe(make(GOOD, BAD))
-    assert not told["passed"]
+    assert (told["passed"], told["contacts"], told["distance"]) == (False, 2, 0.4)
     assert [row["problem"] for row in told["faults"]] == ["", "not detected"]
-    assert told["recordings"][0]["identical"]
-    assert describe_software()["processor"] in told["machine"]
-    assert f"armguard {describe_software()['armguard']}" in told["versions"]
+    assert [row["fault"] for row in told["faults"]] == ["dropout", "swap"]
+    assert told["recordings"][0].identical

@@ -1,15 +1,10 @@
 import numpy as np
 import pytest
 
-from armguard.app.cell import Cell
 from armguard.lab.faults.scene import (
-    CELL,
-    DRIFT,
     PEOPLE,
-    RADIUS,
     make_trajectory,
     sample_people,
-    sample_pillar,
     visit_period,
 )
 from armguard.lab.faults.truth import Witness
@@ -34,18 +29,6 @@ def test_people_keep_to_the_bounds_that_the_cell_states_of_them(robot):
     accel = np.gradient(velocity, step, axis=0)
     assert np.linalg.norm(accel, axis=-1).max() < ACCEL
     assert position.shape[1:] == (len(PEOPLE), 2, 3)
-
-
-def test_what_drifts_begins_where_the_static_stands():
-    _, obstacles, _ = Cell.from_text(CELL).build()
-    (row,) = (row for row, name in enumerate(obstacles.ids) if name == "pillar")
-    position, velocity = sample_pillar(0.0)
-    assert obstacles.table.points[row, :2] == pytest.approx(position[0])
-    assert obstacles.table.radius[row] == RADIUS
-    later = sample_pillar(2.0)[0]
-    assert later - position == pytest.approx(2.0 * velocity)
-    assert np.linalg.norm(velocity[0, 0]) == pytest.approx(DRIFT)
-    assert np.linalg.norm(later[0, 0]) < np.linalg.norm(position[0, 0]), "towards the arm"
 
 
 def test_whoever_obeys_nothing_is_hit_in_every_visit(robot):

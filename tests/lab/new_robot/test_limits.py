@@ -3,10 +3,10 @@ import math
 import pytest
 
 from armguard.exceptions import RobotError
-from armguard.lab.new_robot.limits import JointFacts, find_bare, find_coupled, find_travel
+from armguard.lab.new_robot.limits import JointFacts, find_coupled, find_travel
 from armguard.lab.new_robot.questions import Figure
 from armguard.robot.urdf import read_urdf
-from support.urdf_arms import BOX, joint_xml, link_xml, write_urdf
+from support.urdf_arms import joint_xml, link_xml, write_urdf
 
 MASS = (
     '<inertial><mass value="2"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
@@ -35,14 +35,6 @@ def facts(folder, watched=("rise", "turn", "grip"), **changes):
     ranges = {joint: Figure((-1.0, 2.0), "arm.urdf") for joint in ("rise", "grip")}
     found.put({joint: ranges[joint] for joint in ranges if joint in found.joints}, speeds)
     return found
-
-
-def test_what_a_urdf_says_is_taken(tmp_path):
-    found = facts(tmp_path)
-    assert (found.turning, found.continuous) == (["turn", "grip"], ["turn"])
-    assert found.positions["rise"] == ((-1.0, 2.0), "arm.urdf")
-    assert set(found.positions) == {"rise", "grip"}
-    assert found.velocities["turn"] == (1.0, "arm.urdf")
 
 
 def test_what_it_lacks_is_usual_for_what_turns_and_what_slides(tmp_path):
@@ -129,11 +121,3 @@ def test_how_far_a_mimic_joint_travels(tmp_path, leader, kind, travel):
         joint_xml("grip", "arm", "finger", extra=follows),
     )
     assert find_travel(read_urdf(path), "grip") == travel
-
-
-def test_links_that_are_drawn_alone_matter_where_they_are_moved(tmp_path):
-    hand = f'<link name="hand"><visual>{BOX}</visual></link>'
-    path = write_urdf(tmp_path, link_xml("base"), hand, joint_xml("turn", "base", "hand"))
-    urdf = read_urdf(path)
-    assert find_bare(urdf, ["turn"]) == ["hand"]
-    assert find_bare(urdf, []) == []

@@ -3,6 +3,7 @@ import pytest
 from armguard.exceptions import RobotError
 from armguard.lab.new_robot.questions import (
     GIVEN,
+    KINDS,
     Asker,
     Figure,
     Question,
@@ -15,9 +16,7 @@ from armguard.lab.new_robot.questions import (
 JOINTS = ["shoulder", "elbow", "wrist"]
 KNOWN = {"shoulder": Figure(1.0, "the model file")}
 USUAL = dict.fromkeys(JOINTS, Figure(3.0, "CHOSEN"))
-QUESTION = Question(
-    "--velocity", "velocity limits", "no joint is faster", read_number, KNOWN, USUAL
-)
+QUESTION = Question("--velocity", KINDS["velocity"], KNOWN, USUAL)
 
 
 def answer(*given, ask=None, takes_usual=False, question=QUESTION):
@@ -47,8 +46,8 @@ def test_what_is_usual_is_taken_only_where_that_is_said():
     with pytest.raises(RobotError) as caught:
         answer("elbow=2")
     assert str(caught.value) == (
-        "--velocity: is missing: the model file has no velocity limits of wrist; expected a number "
-        "for all of them, or JOINT=NUMBER; --yes takes what is usual: 3"
+        "--velocity: is missing: the model file has no velocity limits [rad/s or m/s] of wrist; "
+        "expected a number for all of them, or JOINT=NUMBER; --yes takes what is usual: 3"
     )
 
 

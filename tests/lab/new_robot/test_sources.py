@@ -22,13 +22,6 @@ def test_a_file_is_named_so_that_both_may_be_moved_together(tmp_path):
     assert found.folders[:2] == [tmp_path / "meshes", tmp_path]
 
 
-def test_a_file_elsewhere_is_named_as_a_whole(tmp_path):
-    (tmp_path / "far").mkdir()
-    urdf = two_links(tmp_path / "far")
-    found = find_urdf(urdf, tmp_path / "near" / "mine", (), tmp_path)
-    assert found.key == str(urdf.resolve())
-
-
 @pytest.mark.parametrize("is_whole", [True, False])
 def test_one_of_the_examples_is_named_as_such(tmp_path, is_whole):
     path, packages = find_example_urdf(UR3)

@@ -64,10 +64,6 @@ def test_what_was_written_is_read():
     assert published.sources.acceleration == f"a: limits.yaml; {ODD}: CHOSEN: gentle"
 
 
-def test_without_locked_joints_there_are_none():
-    assert read_description(tomllib.loads(write_text(make_new(locked={})))).locked == {}
-
-
 def test_what_is_no_data_of_the_arm_is_listed():
     assert list_choices(make_new()) == [
         f"velocity limits of {ODD}: CHOSEN: fast",

@@ -7,7 +7,6 @@ from armguard.lab.paper import measure
 from armguard.lab.paper.measure import (
     DAA,
     FULL,
-    compute_claim,
     count_comparisons,
     measure_claims,
 )
@@ -121,8 +120,3 @@ def test_comparisons_are_those_of_a_merge_sort():
     assert count_comparisons(np.arange(100.0)) == 99
     mixed = np.random.default_rng(0).random(1024)
     assert math.log2(math.factorial(1024)) * 0.98 < count_comparisons(mixed) < 1024 * 10
-
-
-def test_the_claim_counts_buckets_as_the_erratum_does():
-    assert compute_claim(3) == 2.0
-    assert compute_claim(128) == 8 * 3.0

@@ -1,18 +1,11 @@
-import csv
-import json
 import math
 
 import pytest
 
-from armguard.exceptions import ArmguardError
 from armguard.lab.paper.measure import Row
-from armguard.lab.paper.plots import draw_pictures
 from armguard.lab.paper.report import (
-    compare_with_claim,
     fit_exponents,
-    show,
     summarise,
-    write_report,
 )
 
 
@@ -42,13 +35,6 @@ def test_growth_is_fitted_from_a_hundred_pairs_on():
     assert fit_exponents([make_row(28), make_row(8192)]) == {}
 
 
-def test_comparisons_are_held_against_the_claim():
-    least, most = compare_with_claim(make_rows(), "daa, powers")
-    assert least == pytest.approx(32.0 / 24.0)
-    assert most == pytest.approx(98.0 / (14 * math.log2(14)))
-    assert math.isnan(compare_with_claim([], "daa, powers")[0])
-
-
 def test_the_summary_tells_growth_agreement_and_the_unwatched():
     text = "\n".join(summarise(make_rows(), False))
     assert "evaluations grow as pairs^1.00" in text
@@ -57,29 +43,3 @@ def test_the_summary_tells_growth_agreement_and_the_unwatched():
     assert "Unwatched pairs: 0, in 0 alarms." in text
     assert "report it" in summarise([make_row(28, unwatched=2)], False)[-1]
     assert "Interrupted" in summarise(make_rows(), True)[0]
-
-
-def test_files_are_written_and_hold_the_same(tmp_path):
-    rows = make_rows()
-    write_report(tmp_path, rows, False, {"command": "`armguard paper`"}, draw_pictures(rows))
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "report.json", "claims.csv", "README.md",
-        "cost.png", "awareness.png",
-    }  # fmt: skip
-    data = json.loads((tmp_path / "report.json").read_text())
-    assert data["rows"][0]["late_p50"] is None
-    assert data["rows"][0]["pairs"] == 28
-    lines = list(csv.DictReader((tmp_path / "claims.csv").read_text().splitlines()))
-    assert [float(line["tick"]) for line in lines] == [row.tick for row in rows]
-    assert lines[0]["late_max"] == ""
-    page = (tmp_path / "README.md").read_text()
-    assert all(f"- {line}" in page for line in data["summary"])
-    assert f"| daa, powers | {' | '.join(show(rows[-1]))} |" in page
-    assert "](cost.png)" in page
-    assert "- Command: `armguard paper`" in page
-
-
-def test_a_file_that_cannot_be_written_is_an_error(tmp_path):
-    (tmp_path / "report.json").mkdir()
-    with pytest.raises(ArmguardError, match="cannot be written"):
-        write_report(tmp_path, make_rows(), False, {}, {})

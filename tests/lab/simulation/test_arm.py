@@ -5,7 +5,7 @@ import pytest
 
 from armguard.bounds.operating_history import OperatingHistory
 from armguard.exceptions import ArmguardError
-from armguard.lab.simulation import JointTrajectory, SimulatedArm, random_trajectory
+from armguard.lab.simulation import SimulatedArm, random_trajectory
 from armguard.robot import Robot
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from support.motion_questions import altered
@@ -162,25 +162,3 @@ def test_a_trajectory_that_needs_more_than_the_operating_limits_is_refused(panda
     gentle = OperatingLimits(acceleration=0.1)
     with pytest.raises(ArmguardError, match="within the operating limits"):
         SimulatedArm(random_trajectory(panda, 1, 6.0), gentle)
-
-
-def test_a_speed_scale_caps_joint_speeds_once_the_rate_has_come_down(panda):
-    arm = SimulatedArm(random_trajectory(panda, 4, 10.0, speed_fraction=0.5))
-    for _ in range(1000):
-        arm.step(0.001)
-    for tick in range(5000):
-        _, v = arm.step(0.001, 0.1)
-        if tick > 1000:
-            assert (np.abs(v) <= 0.1 * panda.velocity_limit * (1 + 1e-9)).all()
-    assert not arm.braking
-
-
-def test_operating_velocities_are_kept_from_the_beginning(panda):
-    operating = OperatingLimits(velocity=0.001 * panda.velocity_limit)
-    waypoints = np.tile([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8], (2, 1))
-    waypoints[1, 0] = 1.5
-    trajectory = JointTrajectory(panda, waypoints, speed_fraction=0.5, acceleration_fraction=0.9)
-    arm = SimulatedArm(trajectory, operating)
-    for _ in range(500):
-        _, v = arm.step(1e-3)
-        assert (np.abs(v) <= 0.001 * panda.velocity_limit * (1.0 + ROUNDING)).all()

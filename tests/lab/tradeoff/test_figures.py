@@ -1,10 +1,8 @@
 import math
 
-import numpy as np
 import pytest
 
 from armguard.lab.tradeoff.figures import (
-    Hunted,
     compute_figures,
     count_missed,
     find_front,
@@ -17,23 +15,22 @@ from support.tradeoff_cases import make_track
 LEVELS = [3, 3, 0, 0, 1, 3, 0, 0]
 
 
-def figures(track, finest=None, hunted=(), contacts=()):
+def figures(track, finest=None, contacts=()):
     finest = make_track(LEVELS) if finest is None else finest
-    return compute_figures(track, finest, [1e-5, 3e-5], hunted, contacts, 0.02, 2000)
+    return compute_figures(track, finest, [1e-5, 3e-5], contacts, 0.02)
 
 
 def test_a_setting_that_says_what_the_finest_says():
-    found = figures(make_track(LEVELS), hunted=[Hunted(0.03, 2.0), Hunted(0.05, math.inf)])
+    found = figures(make_track(LEVELS))
     assert found.stop == 0.5
     assert found.slow == 0.125
     assert found.same_level == found.tight_finest == found.tight_finest_p5 == 1.0
-    assert found.tight_adversary == 0.5
     assert (found.late_p50, found.late_max, found.missed) == (0.0, 0.0, 0.0)
     assert found.tick_p50 == found.tick_max == pytest.approx(100.0)
     assert found.intake_p50 == pytest.approx(20.0)
     # 8 ticks of 0.1 ms and 40 µs of messages in 80 ms.
     assert found.core == pytest.approx((8e-4 + 4e-5) / 0.08)
-    assert (found.evaluated, found.memory) == (10.0, 2.0)
+    assert found.evaluated == 10.0
 
 
 def test_ticks_of_another_rate_are_compared_where_they_meet():
@@ -44,13 +41,6 @@ def test_ticks_of_another_rate_are_compared_where_they_meet():
     found = figures(slow)
     assert found.same_level == 1.0
     assert found.tight_finest == 0.5
-
-
-def test_ticks_in_which_nothing_can_be_compared_are_left_out():
-    contact_time = np.array([1.0, math.inf, 0.0, 2.0, 1.0, 1.0, 1.0, 1.0])
-    finest = make_track(LEVELS, contact_time=contact_time)
-    found = figures(make_track(LEVELS, contact_time=0.5 * contact_time), finest)
-    assert (found.tight_finest, found.tight_finest_p5) == (0.5, 0.5)
 
 
 def test_lateness_is_from_the_finest_stop_until_this_one():
@@ -92,6 +82,4 @@ def test_a_front_has_what_nothing_beats():
 
 
 def test_nothing_measured_is_nothing_said():
-    found = figures(make_track([]))
-    assert math.isnan(found.core)
-    assert found.memory == 2.0
+    assert math.isnan(figures(make_track([])).core)

@@ -6,12 +6,8 @@ from armguard.lab.tradeoff.ladder import (
     AXES,
     DEFAULT,
     FINEST,
-    MOST_COMBINED,
     OPERATING,
-    Rung,
-    Setting,
     check_axes,
-    combine,
     list_settings,
 )
 from armguard.robot import Robot
@@ -39,7 +35,7 @@ def test_one_axis_at_a_time_around_the_default():
     assert settings[0].rungs == ()
     assert all(len(one.rungs) == 1 and one.axis == one.rungs[0].axis for one in settings[2:])
     assert {one.axis for one in settings[2:]} == set(AXES)
-    assert all(one.is_choice == (one.axis != OPERATING and not one.rule) for one in settings)
+    assert all(one.is_choice == (one.axis != OPERATING) for one in settings)
     assert settings[1].monitor({}) == {"schedule": "full"}
     assert len({one.name for one in settings}) == len(settings)
     assert "cover 10 mm" in map(str, settings[1].rungs)
@@ -53,8 +49,6 @@ def test_levels_beyond_the_tree_and_what_the_default_is_anyway_are_left_out():
     ]
     assert "rate 500 Hz" not in names(["rate"], rate=500.0)
     assert "motion planned" not in names(["motion"], motion="planned")
-    # A rule of its own is a setting of its own, whatever the monitor's settings are.
-    assert "motion joint by time" in names(["motion"], motion="joint")
 
 
 def test_operating_limits_are_stated_where_none_are_and_left_out_where_some_are():
@@ -67,21 +61,3 @@ def test_operating_limits_are_stated_where_none_are_and_left_out_where_some_are(
 def test_the_finest_has_no_budget():
     _, finest, *_ = list_settings([], ranged_panda().cover, {"budget": 5})
     assert finest.monitor({"budget": 5}) == {"budget": None, "schedule": "full"}
-
-
-def test_combinations_take_most_rungs_first_and_are_few():
-    rungs = [AXES[axis][0] for axis in ("cover", "motion", "max_staleness", "rate", "budget")]
-    some = combine(rungs)
-    assert len(some) == MOST_COMBINED
-    assert some[0].rungs == tuple(rungs)
-    assert all(len(one.rungs) > 1 and not one.axis for one in some)
-    assert combine(rungs[:1]) == combine([]) == []
-    assert Setting("x", (AXES["motion"][1],)).rule
-
-
-def test_rungs_that_set_the_same_thing_are_not_combined():
-    one = Rung("schedule", "full", {"schedule": "full"})
-    other = Rung("schedule", "daa, powers", {"schedule": ("daa", "powers")})
-    third = Rung("rate", "100 Hz", {"rate": 100.0})
-    combined = [setting.name for setting in combine([one, other, third])]
-    assert combined == ["schedule full + rate 100 Hz", "schedule daa, powers + rate 100 Hz"]

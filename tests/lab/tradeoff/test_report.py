@@ -1,69 +1,26 @@
-import csv
-import json
-import math
-import re
-
-import pytest
-
-from armguard.exceptions import ArmguardError
-from armguard.lab.pages import JSON_FILE, PAGE, write_json
-from armguard.lab.tradeoff.figures import Figures
 from armguard.lab.tradeoff.ladder import AXES, OPERATING, Setting
-from armguard.lab.tradeoff.report import (
-    CSV_FILE,
-    HTML_FILE,
-    About,
-    _list_facts,
-    describe,
-    summarise,
-    tabulate,
-    write_report,
-)
+from armguard.lab.tradeoff.report import describe, summarise, tabulate
 from armguard.lab.tradeoff.study import Outcome
 from armguard.lab.tradeoff.truth import Contact
 from support.tradeoff_cases import make_figures, make_study
 
-ABOUT = About(
-    "an arm & <others>", "armguard tradeoff", "a machine", {"numpy": "2"}, 7, 20.0, "none stated"
-)
+
+def test_a_table_shows_every_setting_and_a_dash_for_what_is_no_number():
+    heads, rows = tabulate(make_study())
+    assert [row[0] for row in rows] == ["default *", "finest", "odd", "budget 16 *"]
+    assert {len(row) for row in rows} == {len(heads)}
+    assert rows[3][heads.index("late p50, max [ms]")] == "–"
+    assert rows[2][1] == "refused: it | cannot be"
 
 
-@pytest.fixture
-def folder(tmp_path):
-    write_report(tmp_path, make_study(), ABOUT, {"price.png": b"\x89PNG"})
-    return tmp_path
-
-
-def test_json_and_csv_have_the_same_figures(folder):
-    data = json.loads((folder / JSON_FILE).read_text())
-    rows = list(csv.DictReader((folder / CSV_FILE).read_text().splitlines()))
-    assert [row["setting"] for row in rows] == [one["name"] for one in data["settings"]]
-    for row, one in zip(rows, data["settings"], strict=True):
-        assert row["refused"] == one["refused"]
-        assert row["on_front"] == str(int(one["name"] in data["front"]))
-        for name in Figures._fields:
-            number = None if one["figures"] is None else one["figures"][name]
-            assert row[name] == ("" if number is None else str(number))
-    assert (data["seed"], data["machine"], data["versions"]) == (7, "a machine", {"numpy": "2"})
-    assert data["exponents"] == {"full": pytest.approx(0.5)}
-
-
-def test_the_page_needs_nothing_else(folder):
-    page = (folder / HTML_FILE).read_text()
-    assert 'src="data:image/png;base64,iVBORw' in page
-    assert not re.search(r"https?:|src=\"(?!data:)|<link|<script|url\(", page)
-    assert "an arm &amp; &lt;others&gt;" in page
-    assert page.count("<tr>") == 1 + 4
-    assert "<code>armguard tradeoff</code>" in page
-
-
-def test_the_markdown_shows_pictures_table_and_facts(folder):
-    page = (folder / PAGE).read_text()
-    assert "![Price against caution" in page
-    lengths = {line.count("|") for line in page.splitlines() if line.startswith("|")}
-    assert len(lengths) == 1, "every row has every column"
-    for fact in ("`armguard tradeoff`", "seed 7", "a machine", "numpy 2", "none stated"):
-        assert fact in page
+def test_programs_get_all_that_was_found():
+    data = describe(make_study(), "an arm", {"command": "armguard tradeoff"})
+    assert (data["title"], data["command"], data["seconds"]) == ("an arm", "armguard tradeoff", 5.0)
+    assert [one["name"] for one in data["settings"]] == ["default", "finest", "budget 16", "odd"]
+    assert data["settings"][3] == {
+        "name": "odd", "axis": "", "refused": "it | cannot be", "figures": None
+    }  # fmt: skip
+    assert data["summary"] == summarise(make_study())
 
 
 def test_a_user_can_choose_by_the_summary_alone():
@@ -73,15 +30,6 @@ def test_a_user_can_choose_by_the_summary_alone():
     assert "in at least 99% of the ticks: **budget 16**, 5.0% of a core at STOP 30.0%" in text
     assert "Least STOP: **finest**" in text
     assert "Nothing here is both cheaper and no more cautious." in text
-    assert "pairs^0.50 with schedule full" in text
-
-
-def test_the_summary_tells_which_levels_there_are_to_be_told_apart():
-    finest = make_figures(stop=0.25, slow=0.25, aware=0.125)
-    outcomes = [*make_study().outcomes]
-    outcomes[1] = outcomes[1]._replace(figures=finest)
-    told = "\n".join(summarise(make_study(outcomes=outcomes)))
-    assert "finest setting judges it: STOP 25.0%, SLOW 25.0%, AWARE 12.5%, CLEAR 37.5%." in told
 
 
 def test_a_setting_that_slows_down_more_is_no_better():
@@ -106,18 +54,6 @@ def test_other_operating_limits_are_told_of_and_not_recommended():
     assert "State those limits that the controller enforces." in told
 
 
-def test_what_was_measured_on_other_machines_names_them():
-    study = make_study()
-    outcomes = [one._replace(machine="a (x)") for one in study.outcomes]
-    grown = [one._replace(machine="b (y)") for one in study.grown]
-    spread = study._replace(outcomes=outcomes, grown=grown)
-    assert "Measured: 4 settings on a (x), 3 sizes of the growth on b (y)" in _list_facts(
-        spread, ABOUT
-    )
-    assert {one["machine"] for one in describe(spread, ABOUT)["growth"]} == {"b (y)"}
-    assert not any("machine" in one for one in describe(study, ABOUT)["growth"])
-
-
 def test_what_missed_is_named_and_never_recommended():
     study = make_study()
     outcomes = list(study.outcomes)
@@ -130,8 +66,8 @@ def test_what_missed_is_named_and_never_recommended():
 
 def test_contacts_and_an_early_end_are_told():
     contacts = [Contact(1.0, 0.0, "a", False), Contact(2.0, 0.0, "b", True)]
-    lines = summarise(make_study(contacts=contacts, interrupted="growth"))
-    assert "Interrupted in the part “growth”" in lines[0]
+    lines = summarise(make_study(contacts=contacts, interrupted="axes"))
+    assert "Interrupted in the part “axes”" in lines[0]
     assert "5.0 s" in lines[0]
     assert "Contacts in the scene: 1, and 1 with bodies beyond their stated bounds." in lines
 
@@ -140,18 +76,3 @@ def test_what_was_not_looked_for_is_not_said_to_be_missed_by_none():
     lines = summarise(make_study(contacts=None, interrupted="axes"))
     (told,) = (line for line in lines if line.startswith("Contacts"))
     assert "not looked for" in told
-
-
-def test_what_is_no_number_is_a_dash_or_null():
-    study = make_study()
-    _, rows = tabulate(study)
-    (row,) = (row for row in rows if row[0].startswith("budget"))
-    assert "–" in row
-    data = json.loads(write_json(describe(study, ABOUT)))
-    assert data["settings"][2]["figures"]["late_max"] is None
-    assert math.isnan(study.outcomes[2].figures.late_max)
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path):
-    with pytest.raises(ArmguardError, match="cannot be written"):
-        write_report(tmp_path / "no", make_study(), ABOUT, {})

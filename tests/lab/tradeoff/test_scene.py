@@ -1,13 +1,8 @@
-import copy
-
 import numpy as np
 import pinocchio
 import pytest
 
-from armguard.exceptions import ArmguardError
-from armguard.lab.tradeoff.scene import CLEARANCE, Site, find_published, make_scene
-from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics, Robot
+from armguard.lab.tradeoff.scene import CLEARANCE, find_published, make_scene
 from armguard.robot.operating_limits import OperatingLimits
 from support.tradeoff_cases import make_site
 
@@ -34,15 +29,6 @@ def test_messages_are_in_order_and_within_the_scene():
     # The middle of the visit: the person is at the arm.
     nearest = min(np.linalg.norm(m.position, axis=2).min() for m in scene.messages if m.ids)
     assert nearest < 0.8
-
-
-def test_a_table_takes_what_is_told():
-    scene, _ = make_scene(make_site(), None, 5, 1.0, 0)
-    table = Obstacles()
-    for message in scene.messages:
-        message.tell(table)
-    assert len(table) == 5
-    assert not table.take_faults()
 
 
 def test_balls_keep_their_distance_and_say_so():
@@ -73,15 +59,6 @@ def test_sources_that_must_be_heard_are_heard():
     assert beats[0] == 0.0
 
 
-def test_the_arm_stays_above_its_table():
-    scene, _ = make_scene(make_site(), None, 1, 5.0, 0)
-    kinematics = Kinematics(make_site().robot)
-    for time in np.linspace(0.0, 5.0, 50):
-        q, v = scene.sample(time)
-        kinematics.compute(q, v)
-        assert (kinematics.centers[:, 2] > -0.3).all()
-
-
 @pytest.mark.parametrize("stated", [None, OperatingLimits(velocity=0.3, acceleration=1.0)])
 def test_the_arm_keeps_to_published_limits_and_to_stated_ones(stated):
     site = make_site() if stated is None else make_site(operating=stated)
@@ -93,22 +70,3 @@ def test_the_arm_keeps_to_published_limits_and_to_stated_ones(stated):
         velocity, acceleration = limits.resolve(site.robot)
         assert (np.abs(v) <= velocity).all()
         assert (np.abs(np.diff(v, axis=0)) <= acceleration * 1e-3 * (1.0 + 1e-6)).all()
-
-
-@pytest.mark.parametrize("name", ["panda", "ur10"])
-def test_the_arm_is_at_work_whatever_its_limits_are(name):
-    site = Site(Robot.load(name), Obstacles, {})
-    scene, _ = make_scene(site, None, 1, 20.0, 0)
-    v = np.array([scene.sample(time)[1] for time in np.linspace(0.0, 20.0, 401)])
-    assert (np.abs(v) / site.robot.velocity_limit).max() > 0.1
-
-
-def test_an_arm_of_which_nothing_is_published_has_none():
-    robot = copy.copy(make_site().robot)
-    robot.published_operating_limits = None
-    assert find_published(robot) is None
-
-
-def test_a_recording_that_is_none_is_refused(tmp_path):
-    with pytest.raises(ArmguardError, match="cannot be read"):
-        make_scene(make_site(), str(tmp_path / "no.csv"), 0, 1.0, 0)

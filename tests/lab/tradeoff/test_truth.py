@@ -7,8 +7,8 @@ from support.nearest_points import closest_in_hull
 from support.panda_monitor import HOME, ranged_panda
 from support.tradeoff_cases import make_message
 
-BOUNDS = (10.0, 2.0, 0.0, 0.0)
-SWIFT = (1e5, 2.0, 0.0, 0.0)
+BOUNDS = {"accel": 10.0, "speed": 2.0}
+SWIFT = {"accel": 1e5, "speed": 2.0}
 AWAY = np.array([0.5, 0.0, 0.0])
 
 
@@ -53,9 +53,8 @@ def test_corners_are_where_pinocchio_puts_the_links(base):
 
 
 def contacts(places, *, pace=0.1, bounds=BOUNDS):
-    messages = [make_message(0.01 * k, place) for k, place in enumerate(places)]
-    arm = TrueArm(ranged_panda(), None)
-    return find_contacts(Way(messages, pace), arm, lambda *of: bounds)
+    messages = [make_message(0.01 * k, place, **bounds) for k, place in enumerate(places)]
+    return find_contacts(Way(messages, pace), TrueArm(ranged_panda(), None), 10.0, 2.0)
 
 
 def hand():
@@ -71,7 +70,10 @@ def test_a_contact_is_found_once_while_it_lasts():
     assert (contact.body, contact.first_seen, contact.is_beyond) == ("ball", 0.0, False)
     assert 0.05 < contact.time < 0.2
     there = [place for place in places for _ in range(2)]
-    assert len(contacts([*there, hand() + 1.0, *there], bounds=(np.inf, np.inf, 0, 0))) == 2
+    assert (
+        len(contacts([*there, hand() + 1.0, *there], bounds={"accel": np.inf, "speed": np.inf}))
+        == 2
+    )
 
 
 def test_what_rests_or_was_there_from_the_first_is_no_contact():
@@ -81,7 +83,13 @@ def test_what_rests_or_was_there_from_the_first_is_no_contact():
 
 @pytest.mark.parametrize(
     ("bounds", "is_beyond"),
-    [(BOUNDS, True), ((1e5, 2.0, 0, 0), True), ((1e5, 60.0, 0, 0), False), ((0, 0, 1, 99), False)],
+    [
+        ({}, True),
+        (SWIFT, True),
+        ({"accel": 10.0, "speed": 60.0}, True),
+        ({"accel": 1e5, "speed": 60.0}, False),
+        ({"accel": 0.0, "speed": 0.0, "position_error": 1.0, "velocity_error": 99.0}, False),
+    ],
 )
 def test_a_body_that_jumps_breaks_its_bounds_unless_they_allow_it(bounds, is_beyond):
     (contact,) = contacts([hand() + AWAY, hand()], bounds=bounds)

@@ -1,10 +1,10 @@
 import math
 
 import numpy as np
+import pinocchio
 import pytest
 
-from armguard.lab.tradeoff.adversary import STEP, Adversary, Body
-from armguard.lab.tradeoff.truth import measure
+from armguard.lab.extremes.adversary import HORIZON, STEP, Adversary, Body
 from armguard.obstacles import Obstacles
 from support.panda_monitor import HOME, STILL, make_monitor, ranged_panda
 
@@ -53,18 +53,6 @@ def test_a_body_that_hunts_alone_takes_as_long_as_its_bounds_say():
     assert len(corners)
 
 
-def test_each_link_hunts_with_the_corner_that_is_nearest_at_the_start():
-    q, v = HOME + 0.2, STILL + 0.3
-    hunter = body([-1.0, 0.4, 0.6], (0.2, -0.4, 0.1))
-    alone = []
-    for link in range(len(ranged_panda().links)):
-        adversary = make()
-        adversary._arm.place(q)
-        corner = int(measure(adversary._arm.corners(link), hunter.ends).argmin())
-        alone.append(adversary._hunt(q, v, hunter, link, corner, 1.0))
-    assert make().find_contact(q, v, hunter) == min(alone) < math.inf
-
-
 def test_a_contact_at_once_is_at_once():
     adversary = make()
     adversary._arm.place(HOME)
@@ -74,11 +62,20 @@ def test_a_contact_at_once_is_at_once():
     assert adversary.find_contact(HOME, STILL, body(segment)) == 0.0
 
 
-def test_joints_stay_within_what_they_keep_to():
-    """An arm at its limit, that is asked to go on, does not."""
-    robot = ranged_panda()
-    adversary = make()
-    q = robot.upper_position_limit.copy()
-    place = np.array([1.6, 0.4, 0.5])
-    still = adversary.find_contact(q, STILL, body(place, accel=0.0, speed=0.0))
-    assert still == math.inf or still > 0.0
+def test_joints_keep_to_their_limits_while_they_hunt(monkeypatch):
+    """Full speed at a limit would not be possible: they brake before it."""
+    robot, positions = ranged_panda(), []
+    compute = pinocchio.computeJointJacobians
+    monkeypatch.setattr(
+        pinocchio,
+        "computeJointJacobians",
+        lambda model, data, q: (positions.append(q), compute(model, data, q)),
+    )
+    place = np.array([1.6, 0.9, 0.5])
+    make().find_contact(robot.upper_position_limit - 0.3, STILL, body(place, accel=0.0, speed=0.0))
+    q = np.array(positions[: int(HORIZON / STEP)])
+    assert (q <= robot.upper_position_limit + 1e-9).all()
+    assert (q >= robot.lower_position_limit - 1e-9).all()
+    change = np.abs(np.diff(q, 2, axis=0)) / STEP**2
+    assert (change <= robot.acceleration_limit * (1.0 + 1e-6)).all()
+    assert np.abs(np.diff(q, axis=0)).max() > 0.0
