@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from armguard.contact import earliest_contact_pair
-from armguard.contact.advancement import pair_contact_time
+from armguard.contact.advancement import trace_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
 from support.contact_cases import ordinary_case
 
@@ -31,9 +31,8 @@ def test_bodies_say_what_the_face_says_by_keywords():
         corners = np.atleast_2d(case["p2"])
         velocities = np.ascontiguousarray(np.broadcast_to(case["v2"], corners.shape))
         hull = Hull(points=corners, velocities=velocities, size=1, bounds=Bounds(**other))
-        assert pair_contact_time(ball, hull, case["contact_distance"], 8) == earliest_contact_pair(
-            **case
-        )
+        found = trace_contact_time(ball, hull, case["contact_distance"], 8, None)
+        assert found == earliest_contact_pair(**case)
 
 
 def test_numbers_of_a_body_are_handed_over_as_floats():

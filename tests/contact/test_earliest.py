@@ -50,6 +50,8 @@ def test_free_bodies_against_60_digits(decades, count):
                 for share in (1, 0.999999, 0.9, 0.37):
                     t = mpf(tau) * share
                     assert apart(t * (1 - mpf(2) ** -150), mpf(eps), mpf(a)), (x, v, eps, a, tau)
+            if tau > 1e100:  # products with the time may overflow: safe, and tight enough
+                continue
             t = mpf(tau) * (1 + mpf("1e-9"))
             more = (mpmath.sqrt(xx) + mpmath.sqrt(vv) * t) * ULPS
             close = not apart(t, mpf(eps) * worse, mpf(a) * worse, more)
