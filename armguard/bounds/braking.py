@@ -32,7 +32,6 @@ from armguard.robot.robot import Robot
 from armguard.robot.stop_time import (
     ALL_COVERED,
     compute_stop_time,
-    find_uncovered,
     speed_at_bite,
 )
 
@@ -227,7 +226,7 @@ class BrakingMotion(JointSpaceMotion):
             horizon,
             self.reaction_time,
             limits.operating_acceleration,
-        )
+        )[0]
         return stop_time
 
     def covers(self, v: FloatArray, age: float, horizon: float) -> bool:
@@ -269,9 +268,9 @@ class BrakingMotion(JointSpaceMotion):
 def _find_uncovered(
     handle: Any, v: FloatArray, age: float, horizon: float, reaction_time: float
 ) -> int:
-    """`find_uncovered` on the handle of a `BrakingData`."""
+    """What `compute_stop_time` finds not covered, on the handle of a `BrakingData`."""
     limits = handle.content.limits
-    joint: int = find_uncovered(
+    _, joint = compute_stop_time(
         v, limits.velocity_error, limits.operating_velocity, limits.acceleration, limits.brakes,
         age, horizon, reaction_time, limits.operating_acceleration,
     )  # fmt: skip

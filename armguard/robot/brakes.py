@@ -98,7 +98,7 @@ def find_stop(brakes: BrakeCurves, joint: int, speed: float) -> Stop:
     """How a joint stops from a speed of at most `speed`, by the next entry up.
 
     Beyond the range of its brakes nothing is known: the last entry stands in, so that what is
-    computed with it stays finite, and proves nothing. `find_uncovered` tells.
+    computed with it stays finite, and proves nothing. `compute_stop_time` tells.
     """
     last = brakes.speed.shape[1] - 1
     step = 0
@@ -140,25 +140,19 @@ def braked_displacement(speed: float, stop: Stop, s: float) -> float:
 
 
 @kernel
-def fastest_that_rests(brakes: BrakeCurves, joint: int, within: float) -> float:
-    """The greatest speed from which a joint surely rests within a time, in [rad]/[s] or [m]/[s]."""
-    fastest = 0.0
-    for step in range(brakes.speed.shape[1]):
-        top = brakes.speed[joint, step]
-        if not brakes.time[joint, step] <= within:
-            top = min(top, within * brakes.deceleration[joint, step])
-        fastest = max(fastest, top)
-        if top < brakes.speed[joint, step]:
-            break
-    return fastest
-
-
-@kernel
 def scale_that_rests(brakes: BrakeCurves, velocity: FloatArray, within: float) -> float:
     """The greatest fraction of some velocities, (nv,), from which all joints rest within a time."""
     scale = 1.0
     for joint in range(velocity.shape[0]):
-        scale = min(scale, fastest_that_rests(brakes, joint, within) / velocity[joint])
+        fastest = 0.0
+        for step in range(brakes.speed.shape[1]):
+            top = brakes.speed[joint, step]
+            if not brakes.time[joint, step] <= within:
+                top = min(top, within * brakes.deceleration[joint, step])
+            fastest = max(fastest, top)
+            if top < brakes.speed[joint, step]:
+                break
+        scale = min(scale, fastest / velocity[joint])
     return scale
 
 
@@ -330,7 +324,7 @@ def read_rows(
         accelerations: Limits of the joints, in [rad]/[s²] or [m]/[s²]. Shape (joints,).
 
     Raises:
-        RobotError: An entry is missing or unusable, or the table of a joint falls or has a hole.
+        RobotError: An entry is missing or unusable, or the table of a joint falls.
     """
     entries: dict[str, list[BrakeEntry]] = {joint: [] for joint in joints}
     for number, row in enumerate(rows):
@@ -413,18 +407,9 @@ def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> B
 def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -> None:
     """Refuse entries that contradict one another, a limit or themselves."""
     for one in entries:
-        if not one.deceleration <= acceleration:
-            raise RobotError(
-                where,
-                f"deceleration = {one.deceleration:g} {_spell(one)} exceeds "
-                f"acceleration = {acceleration:g}",
-                remedy="the acceleration limit holds while braking as well",
-            )
-        if one.stopping_time == math.inf:
-            continue
         # Within rounding of what is printed with three digits or more.
         reach = one.speed * one.stopping_time
-        if not one.stopping_distance <= reach * (1.0 + 1e-9):
+        if one.stopping_time < math.inf and not one.stopping_distance <= reach * (1.0 + 1e-9):
             raise RobotError(
                 where,
                 f"stopping_distance = {one.stopping_distance:g} {_spell(one)}",
@@ -432,44 +417,21 @@ def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -
             )
         shortest = 0.5 * one.speed * one.speed / acceleration
         if not (
-            acceleration * one.stopping_time >= one.speed and one.stopping_distance >= shortest
+            one.deceleration <= acceleration
+            and acceleration * one.stopping_time >= one.speed
+            and one.stopping_distance >= shortest
         ):
             raise RobotError(
                 where,
-                f"stops within {one.stopping_time:g} s and {one.stopping_distance:g} {_spell(one)}",
+                f"deceleration = {one.deceleration:g}, stopping_time = {one.stopping_time:g} and "
+                f"stopping_distance = {one.stopping_distance:g} {_spell(one)} exceed its limit",
                 expected=f"no harder a stop than by acceleration = {acceleration:g}",
                 remedy="the acceleration limit holds while braking as well",
             )
-    timed = [one for one in entries if one.stopping_time < math.inf]
-    held = [one for one in entries if one.deceleration > 0.0]
-    for kind, stated in (("stopping_time", timed), ("deceleration", held)):
-        _check_shape(where, kind, stated)
     for one in entries:
         for other in entries:
             if one.load <= other.load and one.speed <= other.speed:
                 _check_order(where, one, other)
-
-
-def _check_shape(where: str, kind: str, stated: list[BrakeEntry]) -> None:
-    """Refuse what is stated twice, or not at all though it is for more load and more speed."""
-    places = [(one.load, one.speed) for one in stated]
-    for load, speed in places:
-        if places.count((load, speed)) > 1:
-            raise RobotError(
-                where,
-                f"has {kind} at {load:g} kg and a speed of {speed:g} twice",
-                expected="one row for each load and speed",
-            )
-    for load in sorted({load for load, _ in places}):
-        for speed in sorted({speed for _, speed in places}):
-            beyond = [place for place in places if place[0] >= load and place[1] >= speed]
-            if beyond and (load, speed) not in places:
-                other = min(beyond)
-                raise RobotError(
-                    where,
-                    f"has a hole: no {kind} at {load:g} kg and a speed of {speed:g}",
-                    expected=f"one, as there is one at {other[0]:g} kg and {other[1]:g}",
-                )
 
 
 def _check_order(where: str, one: BrakeEntry, other: BrakeEntry) -> None:

@@ -153,7 +153,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             place: What to call the file in errors.
 
         Raises:
-            RobotError: An entry is missing or unusable, or the table of a joint falls or has holes.
+            RobotError: An entry is missing or unusable, or the table of a joint falls.
         """
         sources = {name: self.source(name, "braking") for name in self.joints}
         accelerations = np.array([joint.acceleration for joint in self.joints.values()])

@@ -25,7 +25,7 @@ def test_joints_that_brake_anyhow_never_leave_their_table():
         end = compute_stop_time(
             joints.v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
             limits.brakes, age, horizon, 0.0, limits.operating_acceleration,
-        )  # fmt: skip
+        )[0]  # fmt: skip
         time = np.sort(random.uniform(0.0, 1.5 * end, 12))
         high, low = np.zeros((2, 12, count))
         highest, lowest = np.zeros((2, count))
@@ -57,7 +57,7 @@ def test_all_joints_rest_by_the_stop_time():
             end = compute_stop_time(
                 joints.v[j : j + 1], own.velocity_error, own.operating_velocity,
                 own.acceleration, own.brakes, 0.0, horizon, 0.0, own.operating_acceleration,
-            )  # fmt: skip
+            )[0]  # fmt: skip
             single = type(joints)(own, *(part[j : j + 1] for part in joints[1:]))
             times = np.array([end * (1.0 + 1e-9), end + 1.0])
             for _ in range(3):

@@ -14,7 +14,6 @@ from armguard.robot.brakes import (
     Brakes,
     Stop,
     braked_displacement,
-    fastest_that_rests,
     find_stop,
     rest_time,
     scale_that_rests,
@@ -46,7 +45,7 @@ def holds(load, speed, deceleration):
         ([holds(1.0, 1.0, 0.0)], r"deceleration = 0\.0.*positive and finite"),
         ([holds(1.0, 1.0, math.nan)], "deceleration = nan"),
         ([holds(1.0, 1.0, math.inf)], "deceleration = inf"),
-        ([holds(1.0, 1.0, 5.5)], r"deceleration = 5\.5 at 1 kg.*exceeds acceleration = 5"),
+        ([holds(1.0, 1.0, 5.5)], r"deceleration = 5\.5.*at 1 kg.*acceleration = 5"),
         ([holds(1.0, 0.0, 1.0)], r"speed = 0\.0"),
         ([holds(1.0, math.inf, 1.0)], "speed = inf"),
         ([holds(-1.0, 1.0, 1.0)], r"load = -1\.0.*non-negative"),
@@ -54,12 +53,15 @@ def holds(load, speed, deceleration):
         ([stops(1.0, 1.0, math.nan, 0.2)], "stopping_time = nan"),
         ([stops(1.0, 1.0, 0.5, 0.0)], r"stopping_distance = 0\.0"),
         ([stops(1.0, 1.0, 0.5, 0.51)], r"stopping_distance = 0\.51.*at most 0\.5, speed times"),
-        ([stops(1.0, 1.0, 0.1, 0.1)], "stops within 0.1 s.*no harder a stop than by acceleration"),
-        ([stops(1.0, 1.0, 0.5, 0.05)], "stops within 0.5 s and 0.05 .*no harder a stop"),
+        (
+            [stops(1.0, 1.0, 0.1, 0.1)],
+            "stopping_time = 0.1 .*no harder a stop than by acceleration",
+        ),
+        ([stops(1.0, 1.0, 0.5, 0.05)], "stopping_distance = 0.05 .*no harder a stop"),
         ([row(speed={"elbow": 1.0}, deceleration=1.0)], "speed: names joint elbow.*shoulder"),
         ([holds(1.0, 1.0, 1.0) | {"jerk": 3.0}], "jerk"),
         ([holds(1.0, 1.0, 1.0) | {"source": " "}], "its braking limit has no source"),
-        ([holds(1.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration at 1 kg.*speed of 1 twice"),
+        ([holds(1.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration = 2 at 1 kg.*exceeds 1 at 1"),
         # A joint that is braked harder under more load, or from more speed.
         ([holds(0.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration = 2 at 1 kg.*exceeds 1 at 0"),
         ([holds(1.0, 1.0, 1.0), holds(1.0, 2.0, 2.0)], "speed of 2 exceeds 1 at 1 kg"),
@@ -70,16 +72,7 @@ def holds(load, speed, deceleration):
         ),
         (
             [stops(1.0, 1.0, 0.5, 0.3), stops(1.0, 2.0, 0.6, 0.29 + 0.2 * 0.02)],
-            r"stops within|stopping_distance = 0\.2",
-        ),
-        # What is known of a heavier and faster arm, but not of a lighter or slower one.
-        (
-            [holds(0.0, 1.0, 2.0), holds(1.0, 2.0, 1.0)],
-            "has a hole: no deceleration at 0 kg and a speed of 2.*at 1 kg and 2",
-        ),
-        (
-            [stops(0.0, 2.0, 0.7, 0.6), stops(1.0, 1.0, 0.9, 0.7), stops(1.0, 2.0, 0.9, 0.8)],
-            "has a hole: no stopping_time at 0 kg and a speed of 1",
+            r"stopping_distance = 0\.2",
         ),
     ],
 )
@@ -215,7 +208,7 @@ def test_less_load_and_less_speed_never_stop_later(load, other_load, one, other,
 @given(st.floats(0.0, 5.0), st.floats(0.0, 1.5))
 def test_the_fastest_that_rests_in_time_does_and_a_faster_one_does_not(load, within):
     curves = table().make_curves(load)
-    fastest = fastest_that_rests(curves, 0, within)
+    fastest = scale_that_rests(curves, np.full(1, 4.0), within) * 4.0
     assert rest_time(find_stop(curves, 0, fastest), fastest) <= within * (1.0 + 1e-12)
     faster = fastest * (1.0 + 1e-9) + 1e-9
     if faster < curves.speed[0, -1]:
