@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.contact.gjk import nearest_on_triangle
+from armguard.contact.gjk import nearest_on_triangle, square_at
 from armguard.cover.patches import bisect_pieces, measure_sides
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kept_results import keep_results
@@ -233,6 +233,4 @@ def _triangle_squared(triangle, px, py, pz):
     bx, by, bz = triangle[1, 0] - px, triangle[1, 1] - py, triangle[1, 2] - pz
     cx, cy, cz = triangle[2, 0] - px, triangle[2, 1] - py, triangle[2, 2] - pz
     b, c = nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
-    x, y, z = ax + b * (bx - ax), ay + b * (by - ay), az + b * (bz - az)
-    x, y, z = x + c * (cx - ax), y + c * (cy - ay), z + c * (cz - az)
-    return x * x + y * y + z * z
+    return square_at(ax, ay, az, bx, by, bz, cx, cy, cz, b, c)
