@@ -12,6 +12,7 @@ counts: a heavier arm, or a faster one, stops no sooner.
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -249,11 +250,8 @@ class Brakes:
         """
         if payload is None:
             return self.most_payload
-        number = math.nan
-        if isinstance(payload, int | float | np.integer | np.floating) and not isinstance(
-            payload, bool
-        ):
-            number = float(payload)
+        is_number = isinstance(payload, numbers.Real) and not isinstance(payload, bool)
+        number = float(payload) if is_number else math.nan  # type: ignore[arg-type]
         if not 0.0 <= number <= self.most_payload:
             raise RobotError(
                 "payload",
@@ -347,45 +345,37 @@ KINDS = ("stopping_time", "stopping_distance", "deceleration")
 def _name_joints(where: str, row: BrakeRow, joints: list[str]) -> list[str]:
     """The joints that a row is about."""
     mappings = {
-        key: value for key in ("speed", *KINDS) if isinstance(value := getattr(row, key), dict)
+        key: list(value)
+        for key in ("speed", *KINDS)
+        if isinstance(value := getattr(row, key), dict)
     }
-    named: list[str] = []
-    for key, mapping in mappings.items():
-        if not mapping:
-            raise RobotError(f"{where}: {key}", "names no joint", expected="a number for each")
-        for joint in mapping:
-            if joint not in joints:
-                raise RobotError(
-                    f"{where}: {key}",
-                    f"names joint {joint}",
-                    expected=f"one of {', '.join(joints)}",
-                )
-        named += [joint for joint in mapping if joint not in named]
-    for key, mapping in mappings.items():
-        for joint in named:
-            if joint not in mapping:
-                raise RobotError(
-                    f"{where}: {key}", f"lacks joint {joint}", expected="the row's other joints too"
-                )
-    return named or joints
+    named = next(iter(mappings.values()), joints)
+    for key, found in mappings.items():
+        if not (found and set(found) == set(named) and set(found) <= set(joints)):
+            raise RobotError(
+                f"{where}: {key}",
+                f"names {', '.join(found) or 'no joint'}",
+                expected=f"one or more of {', '.join(joints)}, and the same in all mappings",
+            )
+    return named
 
 
 def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> BrakeEntry:
-    numbers = {}
+    found = {}
     for key in ("speed", *KINDS):
         value = getattr(row, key)
         number = value.get(joint) if isinstance(value, dict) else value
         if number is not None:
             if not 0.0 < number < math.inf:
                 raise RobotError(where, f"{key} = {number}", expected="positive and finite")
-            numbers[key] = float(number)
-    if ("stopping_time" in numbers) != ("stopping_distance" in numbers):
+            found[key] = float(number)
+    if ("stopping_time" in found) != ("stopping_distance" in found):
         raise RobotError(
             where,
             "has one of stopping_time and stopping_distance",
             expected="both, as makers publish them, or neither",
         )
-    if len(numbers) == 1:
+    if len(found) == 1:
         raise RobotError(
             where,
             "says a range and nothing of the brakes",
@@ -396,10 +386,10 @@ def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> B
         raise RobotError(where, "its braking limit has no source")
     return BrakeEntry(
         load=float(row.load),
-        speed=numbers["speed"],
-        stopping_time=numbers.get("stopping_time", math.inf),
-        stopping_distance=numbers.get("stopping_distance", math.inf),
-        deceleration=numbers.get("deceleration", 0.0),
+        speed=found["speed"],
+        stopping_time=found.get("stopping_time", math.inf),
+        stopping_distance=found.get("stopping_distance", math.inf),
+        deceleration=found.get("deceleration", 0.0),
         source=source,
     )
 

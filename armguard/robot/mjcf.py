@@ -21,13 +21,17 @@ import numpy as np
 import pinocchio
 
 from armguard.exceptions import RobotError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.urdf import Mimic, UrdfModel
 
 WORLD = "world"
 """What MuJoCo calls the body that all others stand on."""
 
-_KINDS = {"hinge": "Revolute", "slide": "Prismatic"}
-"""MuJoCo's kinds of joints, by Pinocchio's names."""
+_KINDS = {
+    "hinge": pinocchio.JointModelRevoluteUnaligned,
+    "slide": pinocchio.JointModelPrismaticUnaligned,
+}
+"""Pinocchio's joints by MuJoCo's names."""
 
 
 def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
@@ -59,27 +63,34 @@ def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
         compiled = spec.compile()
     except ValueError as error:
         raise RobotError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
+    # Inertias that MuJoCo infers from what is drawn are a guess: no effort counts beside them.
     has_all_inertias = all(body.explicitinertial for body in spec.bodies[1:])
-    return _Reader(Path(path), mujoco, compiled, drawn).read(has_all_inertias)
+    return _Reader(Path(path), mujoco, compiled, drawn, has_all_inertias).read()
 
 
 class _Reader:
     """Makes Pinocchio's model of MuJoCo's, which numbers bodies, joints and geoms."""
 
-    def __init__(self, path: Path, mujoco: Any, compiled: Any, drawn: Collection[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        mujoco: Any,
+        compiled: Any,
+        drawn: Collection[str],
+        has_all_inertias: bool,
+    ) -> None:
         self._path, self._mujoco, self._compiled, self._drawn = path, mujoco, compiled, drawn
+        self._has_all_inertias = has_all_inertias
         self._model = pinocchio.Model()
         self._model.name = path.stem
         self._geometry = pinocchio.GeometryModel()
-        bodies, joints = range(compiled.nbody), range(compiled.njnt)
-        self._bodies = [compiled.body(body).name or f"body{body}" for body in bodies]
-        self._joints = [
-            compiled.joint(joint).name or f"{self._bodies[compiled.jnt_bodyid[joint]]}_joint{joint}"
-            for joint in joints
-        ]
+        self._bodies = [compiled.body(i).name or f"body{i}" for i in range(compiled.nbody)]
+        self._joints = [compiled.joint(i).name or f"joint{i}" for i in range(compiled.njnt)]
+        self._efforts = self._read_efforts()
+        self._continuous: list[str] = []
 
-    def read(self, has_all_inertias: bool) -> UrdfModel:
-        """Read all of it; efforts only where no inertia is MuJoCo's guess."""
+    def read(self) -> UrdfModel:
+        """Read all of it."""
         compiled = self._compiled
         for name in self._drawn:
             if name not in self._bodies:
@@ -96,8 +107,6 @@ class _Reader:
                 carrier, place = self._add_joints(body, carriers[parent], places[parent])
                 carriers.append(carrier)
                 places.append(place)
-                if has_all_inertias:
-                    self._add_inertia(body, carrier, place)
             frame = pinocchio.Frame(name, carriers[body], 0, places[body], pinocchio.FrameType.BODY)
             self._model.addFrame(frame, False)
         bare = [
@@ -105,10 +114,8 @@ class _Reader:
             for body, name in enumerate(self._bodies)
             if self._add_geoms(body, carriers[body], places[body])
         ]
-        continuous = self._set_limits(has_all_inertias)
-        return UrdfModel(
-            self._model, self._geometry, self._read_mimics(), frozenset(continuous), tuple(bare)
-        )
+        mimics, continuous = self._read_mimics(), frozenset(self._continuous)
+        return UrdfModel(self._model, self._geometry, mimics, continuous, tuple(bare))
 
     def _refuse(self, what: str, problem: str, expected: str = "", remedy: str = "") -> RobotError:
         place = f"{self._path}: {what}" if what else str(self._path)
@@ -138,20 +145,24 @@ class _Reader:
                 raise self._refuse(
                     what, f"has ref={zero:g}", expected="0: its zero is where it is drawn"
                 )
+            lower, upper = compiled.jnt_range[number]
+            if not compiled.jnt_limited[number]:
+                lower, upper = (-math.inf, math.inf) if kind == "hinge" else (0.0, 0.0)
+                self._continuous += [self._joints[number]] * (kind == "hinge")
             anchor = pinocchio.SE3(np.eye(3), compiled.jnt_pos[number])
-            joint = _make_joint(_KINDS[kind], compiled.jnt_axis[number])
-            carrier = self._model.addJoint(carrier, joint, place * anchor, self._joints[number])
+            carrier = self._model.addJoint(
+                carrier, _KINDS[kind](compiled.jnt_axis[number]), place * anchor,
+                self._joints[number], self._efforts[number : number + 1], np.zeros(1),
+                np.array([lower]), np.array([upper]),
+            )  # fmt: skip
             self._model.addJointFrame(carrier)
             place = anchor.inverse()
+        if self._has_all_inertias:
+            mass, diagonal = float(compiled.body_mass[body]), compiled.body_inertia[body]
+            inertia = pinocchio.Inertia(mass, np.zeros(3), np.diag(diagonal))
+            there = place * _place(compiled.body_ipos[body], compiled.body_iquat[body])
+            self._model.appendBodyToJoint(carrier, inertia, there)
         return carrier, place
-
-    def _add_inertia(self, body: int, carrier: int, place: Any) -> None:
-        compiled = self._compiled
-        place = place * _place(compiled.body_ipos[body], compiled.body_iquat[body])
-        inertia = pinocchio.Inertia(
-            float(compiled.body_mass[body]), np.zeros(3), np.diag(compiled.body_inertia[body])
-        )
-        self._model.appendBodyToJoint(carrier, inertia, place)
 
     def _add_geoms(self, body: int, carrier: int, place: Any) -> bool:
         """Add a body's collision geometry; whether it is drawn and has none."""
@@ -199,31 +210,17 @@ class _Reader:
             remedy="replace it; of a scene with a floor, take the file of the arm alone",
         )
 
-    def _set_limits(self, has_all_inertias: bool) -> list[str]:
-        """Set limits of positions and efforts; the names of continuous joints."""
-        compiled, model, kinds = self._compiled, self._model, self._mujoco.mjtTrn
-        efforts = np.zeros(compiled.njnt)
-        for actuator in range(compiled.nu):
-            moves_joint = compiled.actuator_trntype[actuator] == kinds.mjTRN_JOINT
-            if moves_joint and compiled.actuator_forcelimited[actuator]:
+    def _read_efforts(self) -> FloatArray:
+        """Of each joint, its own range or what its actuators push with, in [Nm] or [N]; 0: none."""
+        compiled, efforts = self._compiled, np.zeros(self._compiled.njnt)
+        for actuator in np.flatnonzero(compiled.actuator_forcelimited):
+            if compiled.actuator_trntype[actuator] == self._mujoco.mjtTrn.mjTRN_JOINT:
                 force = np.abs(compiled.actuator_forcerange[actuator]).max()
                 gear = abs(compiled.actuator_gear[actuator, 0])
                 efforts[compiled.actuator_trnid[actuator, 0]] += force * gear
         own = np.abs(compiled.jnt_actfrcrange).max(axis=1)
-        efforts = np.where(compiled.jnt_actfrclimited, own, efforts) * has_all_inertias
-        continuous = []
-        for number, name in enumerate(self._joints):
-            index = model.joints[model.getJointId(name)].idx_q
-            lower, upper = compiled.jnt_range[number]
-            if not compiled.jnt_limited[number]:
-                is_hinge = compiled.jnt_type[number] == self._mujoco.mjtJoint.mjJNT_HINGE
-                lower, upper = (-math.inf, math.inf) if is_hinge else (0.0, 0.0)
-                continuous += [name] * is_hinge
-            model.lowerPositionLimit[index], model.upperPositionLimit[index] = lower, upper
-            effort = efforts[number]
-            model.lowerEffortLimit[index], model.upperEffortLimit[index] = -effort, effort
-            model.lowerVelocityLimit[index] = model.upperVelocityLimit[index] = 0.0
-        return continuous
+        chosen: FloatArray = np.where(compiled.jnt_actfrclimited, own, efforts)
+        return chosen * self._has_all_inertias
 
     def _read_mimics(self) -> dict[str, Mimic]:
         compiled, mimics = self._compiled, {}
@@ -235,8 +232,7 @@ class _Reader:
             if leader < 0 or any(higher):
                 raise self._refuse(
                     f"equality of joint {self._joints[follower]!r}",
-                    f"has polycoef {[offset, multiplier, *higher]}" if leader >= 0
-                    else "has no other joint",
+                    f"has polycoef {[offset, multiplier, *higher]} of joint number {leader}",
                     expected="two joints, one linear in the other",
                     remedy="remove it, and lock the joints by position or travel",
                 )  # fmt: skip
@@ -247,14 +243,6 @@ class _Reader:
 def _place(position: Any, quaternion: Any) -> Any:
     w, x, y, z = quaternion
     return pinocchio.SE3(pinocchio.Quaternion(w, x, y, z).normalized().matrix(), position)
-
-
-def _make_joint(kind: str, axis: Any) -> Any:
-    """A joint that turns or slides along an axis, one of the frame's own where it is that."""
-    for name, unit in zip("XYZ", np.eye(3), strict=True):
-        if np.array_equal(axis, unit):
-            return getattr(pinocchio, f"JointModel{kind[0]}{name}")()
-    return getattr(pinocchio, f"JointModel{kind}Unaligned")(np.array(axis))
 
 
 def _make_mesh(compiled: Any, mesh: int) -> Any:

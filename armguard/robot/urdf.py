@@ -7,6 +7,7 @@ right first, and afterwards every collision element and every axis is accounted 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import xml.etree.ElementTree as ElementTree
@@ -203,7 +204,10 @@ def _prepare_joints(
             limit = ElementTree.SubElement(joint, "limit")
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, "0"))
-        _check_limit(name, limit)
+        for key in limit.attrib:
+            _read_number(
+                name, limit, key, least=0.0 if key in ("effort", "velocity") else -math.inf
+            )
         if joint.get("type") == "continuous":
             continuous.append(name)
             joint.set("type", "revolute")
@@ -214,40 +218,28 @@ def _prepare_joints(
 
 def _read_mimic(joint: str, mimic: ElementTree.Element) -> Mimic:
     """Read how a joint follows another; where nothing else is said, they move alike."""
-    found = {}
-    for key, default in (("multiplier", "1"), ("offset", "0")):
-        text = mimic.get(key, default)
-        found[key] = _read_number(text)
-        if not math.isfinite(found[key]):
-            raise RobotError(
-                f"joint {joint!r}",
-                f"has {key}={text!r} in its mimic element",
-                expected="a finite number",
-                remedy="correct the URDF",
-            )
+    found = {
+        key: _read_number(joint, mimic, key, default)
+        for key, default in (("multiplier", "1"), ("offset", "0"))
+    }
     return Mimic(mimic.get("joint", ""), **found)
 
 
-def _read_number(text: str) -> float:
-    """A number; NaN where it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
-
-
-def _check_limit(joint: str, limit: ElementTree.Element) -> None:
-    """Refuse by name what the reader of the format would only say it cannot read."""
-    for key, text in limit.attrib.items():
-        value = _read_number(text)
-        is_size = key in ("effort", "velocity")
-        if not (0.0 <= value < math.inf if is_size else math.isfinite(value)):
-            raise RobotError(
-                f"joint {joint!r}",
-                f"has {key}={text!r} in its limit element",
-                expected="a finite number, at least 0" if is_size else "a finite number",
-                remedy="correct the URDF",
-            )
+def _read_number(
+    joint: str, element: ElementTree.Element, key: str, default: str = "", least: float = -math.inf
+) -> float:
+    """A finite number; one that is none is refused by name, which the format's reader does not."""
+    text, value = element.get(key, default), math.nan
+    with contextlib.suppress(ValueError):
+        value = float(text)
+    if not (math.isfinite(value) and value >= least):
+        raise RobotError(
+            f"joint {joint!r}",
+            f"has {key}={text!r} in its {element.tag} element",
+            expected="a finite number" + (f", at least {least:g}" if least == 0.0 else ""),
+            remedy="correct the URDF",
+        )
+    return value
 
 
 def _check_collisions(

@@ -40,11 +40,6 @@ def test_limits_are_found_in_the_namespaces_of_a_node(tmp_path):
     assert read_planning_limits(write(tmp_path, text)).velocity == {"shoulder": 1.5}
 
 
-def test_motions_keep_to_whole_limits_where_no_factor_is_stated(tmp_path):
-    found = read_planning_limits(write(tmp_path, "joint_limits: {a: {max_velocity: 1}}"))
-    assert (found.velocity_scaling, found.acceleration_scaling) == (1.0, 1.0)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

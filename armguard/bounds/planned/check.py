@@ -44,7 +44,6 @@ from armguard.robot.robot import Robot
 from armguard.robot.wrap_angle import (
     align_turns,
     find_continuous,
-    has_continuous,
     unwrap,
 )
 
@@ -101,7 +100,7 @@ class PlanCheck:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         limits = read_plan_limits(robot)
-        self._has_continuous = bool(has_continuous(limits.lower, limits.upper))
+        self._has_continuous = bool(find_continuous(limits.lower, limits.upper).any())
         self._limits = pack(limits)
         example = make_example()
         samples, one = example[1:4], np.zeros(1)
