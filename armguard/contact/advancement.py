@@ -16,21 +16,18 @@ from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.contact.gap import (
     LARGE,
     LONGEST,
-    NO_BOUND,
     TINY,
     Approach,
     are_bounds,
     direction,
     follow,
-    later,
     limits,
     motion,
     usable_accel,
 )
-from armguard.contact.hull_advancement import SETTLED, carry_time, hull_contact_time, turn_hull
+from armguard.contact.hull_advancement import SETTLED, carry_time, hull_contact_time
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel, merged_kernel, separate_kernel
-from armguard.jit.numerics import GAP_ROUNDING
 
 Trace = FloatArray | None
 """Takes separating directions: see `trace_contact_time`. None costs nothing."""
@@ -180,45 +177,3 @@ def row_contact_time(
         hull = Hull(points[row], velocities[row], count, bounds)
         time = hull_contact_time(ball, hull, contact_distance, advances, None)
     return time
-
-
-@separate_kernel
-def pair_distance_time(ball: Ball, hull: Hull, contact_distance: float) -> float:
-    """The rung below the first advance: distance over the closing speed that bounds allow.
-
-    Arguments and result as for `trace_contact_time`; the accelerations do not matter.
-    """
-    points, velocities, count, bounds = hull
-    if not (
-        count >= 1 and are_bounds(ball.bounds) and are_bounds(bounds) and contact_distance >= 0.0
-    ):
-        return 0.0
-    if count == 1:
-        nx, ny, nz, inverse = direction(
-            points[0, 0] - ball.x, points[0, 1] - ball.y, points[0, 2] - ball.z
-        )
-    else:
-        still = Ball(ball.x, ball.y, ball.z, 0.0, 0.0, 0.0, ball.bounds)
-        nx, ny, nz, inverse = turn_hull(still, 0.0, hull, 0.0)
-    top1 = limits(ball.vx, ball.vy, ball.vz, ball.bounds)[0]
-    distance = math.inf
-    length = contact_distance
-    top2 = 0.0
-    for j in range(count):
-        x = points[j, 0] - ball.x
-        y = points[j, 1] - ball.y
-        z = points[j, 2] - ball.z
-        top = limits(velocities[j, 0], velocities[j, 1], velocities[j, 2], bounds)[0]
-        along = (nx * x + ny * y + nz * z) * inverse
-        if not (along >= 0.0 and top >= 0.0):
-            return 0.0
-        distance = min(distance, along)
-        length = max(length, abs(x) + abs(y) + abs(z))
-        top2 = max(top2, top)
-    grown = top1 * abs(ball.bounds.age) + top2 * abs(bounds.age)
-    gap = distance - contact_distance - grown - GAP_ROUNDING * (2.0 * length + grown)
-    if not (gap > 0.0 and TINY < length < LARGE and top1 + top2 < NO_BOUND):
-        return 0.0
-    if top1 + top2 == 0.0:
-        return math.inf
-    return later(0.0, min(gap / (top1 + top2), LONGEST))

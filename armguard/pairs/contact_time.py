@@ -12,12 +12,13 @@ hundred of them, takes longer than most evaluations.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armguard.bounds.table_time import ArmSphere, is_free_to_end, table_contact_time
-from armguard.contact.advancement import pair_distance_time, row_contact_time
+from armguard.contact.advancement import row_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import TERM_ROUNDING
@@ -80,20 +81,24 @@ def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float
 def _free_time(
     scene: Scene, node: int, bodies: States, row: int, arm_age: float, age: float, distance: float
 ) -> float:
-    """Contact time of a sphere as a free body, or by distance alone."""
-    arm = scene.arm
+    """Contact time of a sphere as a free body, or by distance alone.
+
+    By distance: as if accelerations had no bounds, in one step along the line between the two.
+    """
+    arm, bounds, steps = scene.arm, bounds_of(bodies, row, age), ADVANCES
+    accel = arm.accel[node]
+    if scene.settings.by_distance:
+        accel, steps = math.inf, 1
+        bounds = Bounds(math.inf, bounds.speed, bounds.velocity_error, age)
     sphere = Ball(
         arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
         arm.velocities[node, 0], arm.velocities[node, 1], arm.velocities[node, 2],
-        Bounds(arm.accel[node], arm.speed[node], arm.velocity_error[node], arm_age),
+        Bounds(accel, arm.speed[node], arm.velocity_error[node], arm_age),
     )  # fmt: skip
-    if scene.settings.by_distance:
-        time = pair_distance_time(sphere, hull_of(bodies, row, age), distance)
-    else:
-        time = row_contact_time(
-            sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-            bounds_of(bodies, row, age), distance, ADVANCES,
-        )  # fmt: skip
+    time = row_contact_time(
+        sphere, bodies.points, bodies.velocities, row, bodies.point_count[row], bounds, distance,
+        steps,
+    )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from armguard.cover import Cover
-from armguard.cover.cover import LARGEST, SMALLEST
 from armguard.cover.signed_distance import compute_signed_distances
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import CoverError
@@ -76,9 +75,3 @@ def test_implausible_sizes_are_refused_by_name(scale):
     link = OneLink(scale * BOX)
     with pytest.raises(CoverError, match=r"link 'link': is .* m across; expected .*scale"):
         Cover.fit(link)
-
-
-def test_sizes_at_the_bounds_are_taken():
-    for size in (SMALLEST, LARGEST):
-        triangle = np.array([[[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, 0.5 * size, 0.0]]])
-        assert Cover.fit(OneLink(triangle), spheres=1).check(OneLink(triangle)).proved

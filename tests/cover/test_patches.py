@@ -111,9 +111,6 @@ def test_flat_pieces_are_triangles_whatever_their_form():
     np.testing.assert_array_equal(compute_corners(patches), triangles)
     np.testing.assert_allclose(measure_sides(patches), measure_sides(triangles))
     np.testing.assert_array_equal(bisect_pieces(patches)[:, :, :3], bisect_pieces(triangles))
-    hulls = compute_hull_points(patches)
-    for hull, triangle in zip(hulls, triangles, strict=True):
-        assert set(map(tuple, hull)) == set(map(tuple, triangle))
     ball = patches_of(coal.Sphere(0.1))
     mixed = np.concatenate([patches, ball])
     assert drop_nothing(mixed) is mixed

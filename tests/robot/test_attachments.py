@@ -8,7 +8,6 @@ import pytest
 
 from armguard.bounds import IsotropicMotion
 from armguard.cover import Cover
-from armguard.cover.containment import is_contained
 from armguard.exceptions import RobotError
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
@@ -64,13 +63,6 @@ def test_an_attached_body_is_a_proved_link(panda, shape):
     panda.detach("tool")
     assert panda.links == panda.cover.links == before
     assert panda.revision == 2
-
-
-def test_the_cover_of_a_ball_does_not_serve_the_polyhedron_around_it(panda):
-    panda.attach("ball", "panda_hand", coal.Sphere(0.05))
-    panda.attach("corners", "panda_hand", panda.triangles("ball"))
-    assert panda.cover.digest("ball") != panda.cover.digest("corners")
-    assert not is_contained(panda.surface("corners"), panda.cover.tree("ball"))
 
 
 def test_a_placement_is_in_the_joints_frame(panda):

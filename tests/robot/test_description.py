@@ -5,7 +5,7 @@ import pytest
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
 from armguard.robot.description import read_description
-from support.urdf_arms import SOURCES, limits_for, two_links
+from support.urdf_arms import limits_for, two_links
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,13 +39,6 @@ def test_a_value_of_another_type_names_its_joint():
     limits["joints"]["elbow"]["velocity"] = "fast"
     with pytest.raises(RobotError, match=r"got `str` - at `joints\.elbow\.velocity`"):
         read_description(limits)
-
-
-def test_a_limit_without_source_is_refused(tmp_path):
-    limits = limits_for("shoulder")
-    limits["sources"] = SOURCES | {"braking": " "}
-    with pytest.raises(RobotError, match="shoulder: its braking limit has no source"):
-        Robot.from_urdf(two_links(tmp_path), limits=limits)
 
 
 def published_for(velocity=0.5, acceleration=3.0, joint="shoulder", source="a test"):

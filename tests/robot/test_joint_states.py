@@ -31,13 +31,6 @@ def test_numbers_are_taken_in_any_container(states, wrap):
     assert receive(states, 1.001, wrap(HOME), [0] * 7, 1.001) is None
 
 
-def test_what_is_taken_is_a_copy(states):
-    q = HOME.copy()
-    receive(states, 1.0, q, STILL, 1.0)
-    q += 9.0
-    assert (states.q == HOME).all()
-
-
 @pytest.mark.parametrize(("joint", "sign"), list(itertools.product(range(7), (1.0, -1.0))))
 def test_limits_hold_up_to_their_errors_and_no_further(joint, sign):
     robot = panda()

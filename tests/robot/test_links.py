@@ -13,6 +13,25 @@ from armguard.robot.urdf import read_urdf
 from support.urdf_arms import BOX, joint_xml, limits_for, link_xml, write_urdf
 
 
+def reach(path, travel, carriers, base=None):
+    """Corners of links all over the travels, in the frame of a joint; None: of the world."""
+    full = pinocchio.buildModelFromUrdf(str(path))
+    data = full.createData()
+    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
+    reached = {link: [] for link in carriers}
+    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
+        q = np.zeros(full.nq)
+        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
+            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
+        pinocchio.forwardKinematics(full, data, q)
+        for link, joint in carriers.items():
+            place = data.oMi[full.getJointId(joint)]
+            if base is not None:
+                place = data.oMi[full.getJointId(base)].actInv(place)
+            reached[link].append(corners @ place.rotation.T + place.translation)
+    return {link: np.concatenate(points) for link, points in reached.items()}
+
+
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "fixed"])
 def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
     def chain(kind):
@@ -33,21 +52,9 @@ def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
     assert robot.links == ("upper", "lower", "tip")
     # A joint that is drawn fixed turns all the same.
     path = chain("revolute" if kind in ("fixed", "continuous") else kind)
-    full = pinocchio.buildModelFromUrdf(str(path))
-    data, number = full.createData(), full.getJointId("shoulder")
-    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
-    reached = {"lower": [], "tip": []}
-    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
-        q = np.zeros(3)
-        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
-            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
-        pinocchio.forwardKinematics(full, data, q)
-        for link, joint in (("lower", "elbow"), ("tip", "wrist")):
-            placement = data.oMi[number].actInv(data.oMi[full.getJointId(joint)])
-            reached[link].append(corners @ placement.rotation.T + placement.translation)
+    reached = reach(path, travel, {"lower": "elbow", "tip": "wrist"}, "shoulder")
     for link, points in reached.items():
-        distances = compute_signed_distances(np.concatenate(points), robot.triangles(link))
-        assert distances.max() < 1e-9
+        assert compute_signed_distances(points, robot.triangles(link)).max() < 1e-9
 
 
 def test_what_travels_beside_the_arm_is_fixed_as_all_that_it_reaches(tmp_path):
@@ -65,19 +72,9 @@ def test_what_travels_beside_the_arm_is_fixed_as_all_that_it_reaches(tmp_path):
     robot = Robot("arm", read_urdf(path, (), description.travelling), description, ["shoulder"])
     fixed = robot.fixed_points()
     assert set(fixed) == {"base", "neck", "head"}, "nobody says where the hatch is"
-    full = pinocchio.buildModelFromUrdf(str(path))
-    data = full.createData()
-    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
-    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
-        q = np.zeros(full.nq)
-        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
-            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
-        pinocchio.forwardKinematics(full, data, q)
-        for link, joint in (("neck", "nod"), ("head", "turn")):
-            place = data.oMi[full.getJointId(joint)]
-            points = corners @ place.rotation.T + place.translation
-            assert (points >= fixed[link].min(axis=0) - 1e-9).all()
-            assert (points <= fixed[link].max(axis=0) + 1e-9).all()
+    for link, points in reach(path, travel, {"neck": "nod", "head": "turn"}).items():
+        assert (points >= fixed[link].min(axis=0) - 1e-9).all()
+        assert (points <= fixed[link].max(axis=0) + 1e-9).all()
 
 
 def test_a_urdf_without_moving_geometry_is_refused(tmp_path):
