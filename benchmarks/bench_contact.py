@@ -53,7 +53,7 @@ def _rung(
             out[i] = row_contact_time(
                 sphere, points, velocities, first, count,
                 Bounds(PERSON_ACCEL * accels, PERSON_SPEED * speeds, 0.0, age), distance[i],
-                advances,
+                advances, None,
             )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel, merged_kernel, separate_kernel
 
 Trace = FloatArray | None
-"""Takes separating directions: see `trace_contact_time`. None costs nothing."""
+"""Takes separating directions: see `row_contact_time`. None costs nothing."""
 
 
 @merged_kernel
@@ -73,7 +73,7 @@ def _turn_aged(
 def ball_contact_time(
     one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace
 ) -> float:
-    """`trace_contact_time` for two balls."""
+    """`row_contact_time` for two balls."""
     x, y, z = other.x - one.x, other.y - one.y, other.z - one.z
     length = abs(x) + abs(y) + abs(z) + contact_distance
     if not (
@@ -121,15 +121,30 @@ def ball_contact_time(
     return t
 
 
-@merged_kernel
-def trace_contact_time(
-    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
+@kernel(inline="always")  # type: ignore[untyped-decorator]  # it has options
+def row_contact_time(
+    ball: Ball,
+    points: FloatArray,
+    velocities: FloatArray,
+    row: int,
+    count: int,
+    bounds: Bounds,
+    contact_distance: float,
+    advances: int,
+    trace: Trace,
 ) -> float:
     """Earliest time at which a ball and the rounded hull of moving points could touch.
 
+    Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
+    as long, for counting references to them, as an advance of a ball.
+
     Args:
         ball: The one.
-        hull: The other.
+        points: Of several hulls, in [m]. Shape (n, k, 3).
+        velocities: Of these points, in [m/s]. Shape (n, k, 3).
+        row: Which of the hulls is meant.
+        count: How many of its points count.
+        bounds: Of each of them.
         contact_distance: Both radii, margin and position errors, in [m].
         advances: The most advances: more come closer, and every number is safe.
         trace: None, which costs nothing, or takes the separating directions: of shape
@@ -141,39 +156,13 @@ def trace_contact_time(
         A time from now in [s] before which there is no contact; inf if never, 0 if contact is
         possible now or any input is NaN, negative or infinite where that means nothing.
     """
-    points, velocities = hull.points, hull.velocities
-    if hull.size == 1:
-        other = Ball(
-            points[0, 0], points[0, 1], points[0, 2],
-            velocities[0, 0], velocities[0, 1], velocities[0, 2], hull.bounds,
-        )  # fmt: skip
-        return ball_contact_time(ball, other, contact_distance, advances, trace)
-    return hull_contact_time(ball, hull, contact_distance, advances, trace)
-
-
-@kernel(inline="always")  # type: ignore[untyped-decorator]  # it has options
-def row_contact_time(
-    ball: Ball,
-    points: FloatArray,
-    velocities: FloatArray,
-    row: int,
-    count: int,
-    bounds: Bounds,
-    contact_distance: float,
-    advances: int,
-) -> float:
-    """`trace_contact_time` for the hull in one row of arrays of the shape (n, k, 3).
-
-    Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
-    as long, for counting references to them, as an advance of a ball.
-    """
     if count == 1:
         other = Ball(
             points[row, 0, 0], points[row, 0, 1], points[row, 0, 2],
             velocities[row, 0, 0], velocities[row, 0, 1], velocities[row, 0, 2], bounds,
         )  # fmt: skip
-        time = ball_contact_time(ball, other, contact_distance, advances, None)
+        time = ball_contact_time(ball, other, contact_distance, advances, trace)
     else:
         hull = Hull(points[row], velocities[row], count, bounds)
-        time = hull_contact_time(ball, hull, contact_distance, advances, None)
+        time = hull_contact_time(ball, hull, contact_distance, advances, trace)
     return time

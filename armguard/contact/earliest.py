@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.contact.advancement import row_contact_time, trace_contact_time
+from armguard.contact.advancement import Trace, row_contact_time
 from armguard.contact.arguments import (
     Pairs,
     Rows,
@@ -32,7 +32,7 @@ from armguard.contact.arguments import (
     read_pairs,
     read_vectors,
 )
-from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.contact.bodies import Ball, Bounds
 from armguard.contact.gap import clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
@@ -93,20 +93,13 @@ def _ball(pairs: Pairs, row: int) -> Ball:
 
 
 @kernel
-def _pair_loop(pairs: Pairs, advances: int, out: FloatArray) -> None:
+def _pair_loop(pairs: Pairs, advances: int, trace: Trace, out: FloatArray) -> None:
     other = pairs.other
     for i in range(out.size):
         out[i] = row_contact_time(
             _ball(pairs, i), pairs.corners, other.velocities, i, pairs.corners.shape[1],
-            _bounds(other, i), _reach(pairs, i), advances,
+            _bounds(other, i), _reach(pairs, i), advances, trace,
         )  # fmt: skip
-
-
-@kernel
-def _trace_pair(pairs: Pairs, advances: int, trace: FloatArray) -> float:
-    corners, other = pairs.corners, pairs.other
-    hull = Hull(corners[0], other.velocities[0], corners.shape[1], _bounds(other, 0))
-    return trace_contact_time(_ball(pairs, 0), hull, _reach(pairs, 0), advances, trace)
 
 
 def earliest_contact(
@@ -236,7 +229,7 @@ def earliest_contact_hull(
         age1, age2, velocity_error1, velocity_error2, clock_error1, clock_error2,
     )  # fmt: skip
     out = np.empty(math.prod(shape))
-    _pair_loop(pairs, steps, out)
+    _pair_loop(pairs, steps, None, out)
     return out.reshape(shape) if shape else float(out[0])
 
 
@@ -272,8 +265,9 @@ def certify(
     )  # fmt: skip
     if shape:
         raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
-    trace = np.full((steps, 4), math.nan)
-    contact_time = float(_trace_pair(pairs, steps, trace))
+    trace, out = np.full((steps, 4), math.nan), np.empty(1)
+    _pair_loop(pairs, steps, trace, out)
+    contact_time = float(out[0])
     used = trace[trace[:, 0] < contact_time]
     used = used[np.diff(used[:, 0], append=contact_time) > 0.0]
     return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

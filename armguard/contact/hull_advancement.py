@@ -50,7 +50,7 @@ def turn_hull(
 def hull_contact_time(
     ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: FloatArray | None
 ) -> float:
-    """`trace_contact_time` for a hull of any size.
+    """`row_contact_time` for a hull of any size.
 
     Invariant of the loop: there is no contact before `t`, and n is the direction to try from there.
     """

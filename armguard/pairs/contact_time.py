@@ -64,7 +64,7 @@ def reach_time(
     time: float = row_contact_time(
         Ball(x, y, z, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0)),
         bodies.points, bodies.velocities, row, bodies.point_count[row],
-        bounds_of(bodies, row, age), distance, np.int64(REACH_ADVANCES),
+        bounds_of(bodies, row, age), distance, np.int64(REACH_ADVANCES), None,
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
@@ -97,7 +97,7 @@ def _free_time(
     )  # fmt: skip
     time = row_contact_time(
         sphere, bodies.points, bodies.velocities, row, bodies.point_count[row], bounds, distance,
-        steps,
+        steps, None,
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 

@@ -4,8 +4,8 @@ import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
 from armguard.bounds.table_time import ArmSphere, is_free_to_end, obstacle_room
-from armguard.contact.advancement import trace_contact_time
-from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.contact import earliest_contact_pair
+from armguard.contact.bodies import Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.jit.numerics import TABLE_END_SLACK
 from armguard.robot import Kinematics
@@ -166,8 +166,10 @@ def test_joint_bounds_are_later_than_those_of_a_free_point(robot, joint_motion):
         away = random.normal(size=3)
         points = pad([place + away * random.uniform(0.3, 0.8) / np.linalg.norm(away)])
         hull = Hull(points, np.zeros((8, 3)), 1, Bounds(10.0, 2.0, 0.0, 0.0))
-        bounds = Bounds(isotropic.accel[i], isotropic.speed[i], isotropic.velocity_error[i], 0.0)
-        free = trace_contact_time(Ball(*place, *motion, bounds), hull, 0.2, 8, None)
+        free = earliest_contact_pair(
+            place, motion, isotropic.accel[i], isotropic.speed[i],
+            points[0], np.zeros(3), 10.0, 2.0, 0.2, velocity_error1=isotropic.velocity_error[i],
+        )  # fmt: skip
         lever, slope_error = joint_motion.lever[i], joint_motion.slope_error[i]
         sphere = ArmSphere(*place, jacobian, lever, slope_error)
         joint = table_contact_time(sphere, table, hull, 0.2, 0.0)
