@@ -7,7 +7,6 @@ stands keeps a planner and the monitor talking of the same spheres; a fitted cov
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +14,11 @@ import numpy as np
 from armguard.cover.containment import is_contained, tighten
 from armguard.cover.cover import Cover, Surfaces, get_surface, hash_surface
 from armguard.cover.fitting import cut_pieces
+from armguard.cover.interchange import Spheres
 from armguard.cover.patches import bisect_pieces, compute_corners, compute_hull_points
 from armguard.cover.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 from armguard.exceptions import CoverError
 from armguard.jit.arrays import FloatArray
-
-Spheres = Mapping[str, FloatArray]
-"""Centre and radius in [m] by link, in the frame of the joint that moves it, each (n, 4)."""
 
 
 @dataclass(frozen=True)

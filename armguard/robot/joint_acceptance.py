@@ -167,10 +167,7 @@ def accept(
         guard.q[j], guard.v[j] = q[j], v[j]
         if not abs(v[j]) <= guard.operating_velocity[j]:
             found |= FAST
-    runaway = find_runaway(
-        q, v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
-    )
-    if runaway != NO_JOINT:
+    if find_runaway(guard, q, v) != NO_JOINT:
         found |= RUNAWAY
     stop_time, late_stop_time, unbraked = stop_times(guard, v, now - stamp)
     if unbraked != ALL_COVERED:
@@ -281,33 +278,23 @@ def accept_at(
 
 
 @kernel
-def find_runaway(
-    q: FloatArray,
-    v: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    velocity_error: FloatArray,
-    acceleration_limit: FloatArray,
-) -> int:
+def find_runaway(guard: Guard, q: FloatArray, v: FloatArray) -> int:
     """First joint that no allowed deceleration stops short of its limit, errors included.
 
     (|v| + dv)^2 <= 2 a (distance + dq) towards either limit is what can be stopped.
 
     Args:
+        guard: Its limits and errors count.
         q: Joint positions, [rad] or [m]. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-        lower: Lower position limits less their errors, [rad] or [m]. Shape (nv,).
-        upper: Upper position limits plus their errors, [rad] or [m]. Shape (nv,).
-        velocity_error: What velocities may be off by, [rad/s] or [m/s]. Shape (nv,).
-        acceleration_limit: [rad/s²] or [m/s²]. Shape (nv,).
     """
     for joint in range(q.shape[0]):
-        up = max(v[joint] + velocity_error[joint], 0.0)
-        down = max(velocity_error[joint] - v[joint], 0.0)
-        reach = 2.0 * acceleration_limit[joint]
+        up = max(v[joint] + guard.velocity_error[joint], 0.0)
+        down = max(guard.velocity_error[joint] - v[joint], 0.0)
+        reach = 2.0 * guard.acceleration_limit[joint]
         if not (
-            up * up <= reach * (upper[joint] - q[joint])
-            and down * down <= reach * (q[joint] - lower[joint])
+            up * up <= reach * (guard.upper[joint] - q[joint])
+            and down * down <= reach * (q[joint] - guard.lower[joint])
         ):
             return joint
     return NO_JOINT

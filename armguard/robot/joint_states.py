@@ -152,10 +152,7 @@ class JointStates:
 
     def find_runaway(self) -> int:
         """First joint that cannot be kept from running into its stop; NO_JOINT if all can."""
-        guard = self.guard
-        joint: int = find_runaway(
-            self.q, self.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
-        )
+        joint: int = find_runaway(self._handle, self.q, self.v)
         return joint
 
     def _compile(self) -> None:

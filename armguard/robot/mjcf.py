@@ -22,7 +22,7 @@ import pinocchio
 
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
-from armguard.robot.urdf import Mimic, UrdfModel
+from armguard.robot.urdf import Mimic, UrdfModel, check_drawn
 
 WORLD = "world"
 """What MuJoCo calls the body that all others stand on."""
@@ -93,11 +93,7 @@ class _Reader:
         """Read all of it."""
         compiled = self._compiled
         for name in self._drawn:
-            if name not in self._bodies:
-                raise RobotError(
-                    f"link {name!r}", "is not in the MJCF",
-                    expected=f"one of {', '.join(self._bodies)}",
-                )  # fmt: skip
+            check_drawn(name, self._bodies, has_own=False, is_drawn=True)
         if compiled.nbody < 2:
             raise self._refuse("", "has no body", expected="<worldbody> with bodies")
         carriers, places = [0], [pinocchio.SE3.Identity()]
@@ -176,11 +172,7 @@ class _Reader:
             if compiled.geom_contype[geom] or compiled.geom_conaffinity[geom] or geom in paired
         ]
         if name in self._drawn:
-            if solid or not geoms:
-                problem = "has collision geometry of its own" if solid else "is not drawn"
-                raise RobotError(
-                    f"link {name!r}", problem, remedy="leave it out of collision_from_visual"
-                )
+            check_drawn(name, self._bodies, has_own=bool(solid), is_drawn=bool(geoms))
             solid = list(geoms)
         frame = self._model.getFrameId(name, pinocchio.FrameType.BODY)
         for geom in solid:

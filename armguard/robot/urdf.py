@@ -160,23 +160,29 @@ def _collide_as_drawn(root: ElementTree.Element, drawn: Collection[str]) -> None
     """Give links the geometry that they are drawn with as their collision geometry."""
     links = {link.get("name", ""): link for link in root.findall("link")}
     for name in drawn:
-        if name not in links:
-            raise RobotError(
-                f"link {name!r}", "is not in the URDF", expected=f"one of {', '.join(links)}"
-            )
-        link = links[name]
-        if link.find("collision") is not None:
-            raise RobotError(
-                f"link {name!r}",
-                "has collision geometry of its own",
-                remedy="leave it out of collision_from_visual",
-            )
-        visuals = link.findall("visual")
-        if not visuals:
-            raise RobotError(f"link {name!r}", "is not drawn", expected="a visual element")
+        link = links.get(name, ElementTree.Element("link"))
+        visuals, has_own = link.findall("visual"), link.find("collision") is not None
+        check_drawn(name, links, has_own=has_own, is_drawn=bool(visuals))
         for visual in visuals:
             collision = ElementTree.SubElement(link, "collision")
             collision.extend([part for part in visual if part.tag in ("origin", "geometry")])
+
+
+def check_drawn(name: str, links: Collection[str], *, has_own: bool, is_drawn: bool) -> None:
+    """Refuse a link of which no drawing can be taken as its collision geometry.
+
+    Raises:
+        RobotError: It is none of the links, has collision geometry of its own, or is not drawn.
+    """
+    if name in links and is_drawn and not has_own:
+        return
+    problem = "has collision geometry of its own" if has_own else "is not drawn"
+    raise RobotError(
+        f"link {name!r}",
+        problem if name in links else "is not in the model file",
+        expected="" if name in links else f"one of {', '.join(links)}",
+        remedy="leave it out of collision_from_visual",
+    )
 
 
 def _prepare_joints(

@@ -96,11 +96,14 @@ def test_a_gap_is_one_fault(states):
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 def test_a_joint_runs_into_its_stop_if_it_may_be_as_fast_as_its_error_allows(way):
     """At 0.5 rad/s, right to 0.1 rad/s, it needs 0.6² / 2a to stop short of it."""
-    lower, upper, error, accel = np.full(1, -1.0), np.full(1, 1.0), np.full(1, 0.1), np.ones(1)
+    guard = JointStates(panda(), TIMEOUT).guard._replace(
+        lower=np.full(1, -1.0), upper=np.full(1, 1.0), velocity_error=np.full(1, 0.1),
+        acceleration_limit=np.ones(1),
+    )  # fmt: skip
     for spare, found in ((1e-9, NO_JOINT), (-1e-9, 0)):
         q = way * np.full(1, 1.0 - 0.18 - spare)
-        assert find_runaway(q, way * np.full(1, 0.5), lower, upper, error, accel) == found
+        assert find_runaway(guard, q, way * np.full(1, 0.5)) == found
     # One that reads as if it came back may go on.
     at_stop = way * np.full(1, 1.0 - 1e-9)
-    assert find_runaway(at_stop, -way * np.full(1, 0.05), lower, upper, error, accel) == 0
-    assert find_runaway(at_stop, -way * np.full(1, 0.11), lower, upper, error, accel) == NO_JOINT
+    assert find_runaway(guard, at_stop, -way * np.full(1, 0.05)) == 0
+    assert find_runaway(guard, at_stop, -way * np.full(1, 0.11)) == NO_JOINT

@@ -84,7 +84,7 @@ def test_a_link_that_is_only_drawn_is_bare_until_it_collides_as_drawn(tmp_path):
     assert read_mjcf(path).bare == ("camera",)
     assert read_mjcf(path, drawn=["camera"]).bare == ()
     assert read_mjcf(path, drawn=["camera"]).collision_model.ngeoms == 10
-    for link, words in (("wrist", "of its own"), ("nobody", "is not in the MJCF")):
+    for link, words in (("wrist", "of its own"), ("nobody", "is not in the model")):
         with pytest.raises(RobotError, match=words):
             read_mjcf(path, drawn=[link])
     paired = write_mjcf(

@@ -215,7 +215,7 @@ def test_a_link_is_collided_with_as_it_is_drawn(tmp_path):
 
 @pytest.mark.parametrize(
     ("link", "words"),
-    [("hand", "is not in the URDF"), ("base", "of its own"), ("tip", "is not drawn")],
+    [("hand", "is not in the model"), ("base", "of its own"), ("tip", "is not drawn")],
 )
 def test_a_link_without_such_a_drawing_is_refused(tmp_path, link, words):
     with pytest.raises(RobotError, match=words):
