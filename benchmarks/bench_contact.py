@@ -40,17 +40,20 @@ def _distances(points, velocities, centers, motions, count, distance, out):  # t
 
 
 @njit(error_model="numpy")
-def _rung(points, velocities, centers, motions, count, distance, out, advances, age, speeds):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
+def _rung(
+    points, velocities, centers, motions, count, distance, out, advances, age, speeds, accels
+):  # type: ignore[no-untyped-def]  # arrays and numbers of a sweep
     for first in range(0, out.size, SPHERES):
         for i in range(first, min(first + SPHERES, out.size)):
             sphere = Ball(
                 centers[i, 0], centers[i, 1], centers[i, 2],
                 motions[i, 0], motions[i, 1], motions[i, 2],
-                Bounds(ARM_ACCEL, ARM_SPEED * speeds, 0.0, age),
+                Bounds(ARM_ACCEL * accels, ARM_SPEED * speeds, 0.0, age),
             )  # fmt: skip
             out[i] = row_contact_time(
                 sphere, points, velocities, first, count,
-                Bounds(PERSON_ACCEL, PERSON_SPEED * speeds, 0.0, age), distance[i], advances,
+                Bounds(PERSON_ACCEL * accels, PERSON_SPEED * speeds, 0.0, age), distance[i],
+                advances, None,
             )  # fmt: skip
 
 
@@ -130,13 +133,18 @@ def main() -> None:
         velocities = np.repeat(rng.normal(size=(n, 1, 3)) * 0.6, 8, axis=1)
         arrays = (points, velocities, centers, motions, count, distance, out)
         _head(title)
-        _rung(*arrays, 60, age, speeds)
+        _rung(*arrays, 60, age, speeds, 1.0)
         converged = out.copy()
         if count == 1 and age == 0.0 and speeds == 1.0:
             _line("plain distance loop", _time(lambda a=arrays: _distances(*a), n, repetitions))
+        if speeds == 1.0:
+            spent = _time(lambda a=arrays, s=age: _rung(*a, 1, s, 1.0, math.inf), n, repetitions)
+            _line("distance over speed bounds", spent, out, converged)
         for advances in (1, 2, 3, 4, 8, 60):
             spent = _time(
-                lambda a=arrays, k=advances, s=age, v=speeds: _rung(*a, k, s, v), n, repetitions
+                lambda a=arrays, k=advances, s=age, v=speeds: _rung(*a, k, s, v, 1.0),
+                n,
+                repetitions,
             )
             _line(f"{advances} advances", spent, out, converged)
 

@@ -148,7 +148,8 @@ def run_free(centers, velocities, accel, speed, error, still, bodies, count):
             0.0 if still else accel[i], 0.0 if still else speed[i], 0.0 if still else error[i], 0.0
         )
         sphere = Ball(centers[i, 0], centers[i, 1], centers[i, 2], u[0], u[1], u[2], bounds)
-        total += row_contact_time(sphere, bodies, pace, row, 1, Bounds(10.0, 2.0, 0.1, 0.0), 0.2, 8)
+        bounds = Bounds(10.0, 2.0, 0.1, 0.0)
+        total += row_contact_time(sphere, bodies, pace, row, 1, bounds, 0.2, 8, None)
     return total
 
 

@@ -69,7 +69,7 @@ def loop_over_all(handle: Any, now: float, age: float) -> float:
             )  # fmt: skip
             found = row_contact_time(
                 sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-                bounds_of(bodies, row, now - bodies.stamp[row]), distance, ADVANCES,
+                bounds_of(bodies, row, now - bodies.stamp[row]), distance, ADVANCES, None,
             )  # fmt: skip
             earliest = min(earliest, found)
     return earliest

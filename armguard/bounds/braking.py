@@ -33,7 +33,6 @@ from armguard.robot.robot import Robot
 from armguard.robot.stop_time import (
     ALL_COVERED,
     compute_stop_time,
-    find_uncovered,
 )
 
 FREE_NODES = 4
@@ -229,9 +228,9 @@ class BrakingMotion(JointSpaceMotion):
 def _find_uncovered(
     handle: Any, v: FloatArray, age: float, horizon: float, reaction_time: float
 ) -> int:
-    """`find_uncovered` on the handle of a `BrakingData`."""
+    """What `compute_stop_time` finds not covered, on the handle of a `BrakingData`."""
     limits = handle.content.limits
-    joint: int = find_uncovered(
+    _, joint = compute_stop_time(
         v, limits.velocity_error, limits.operating_velocity, limits.acceleration, limits.brakes,
         age, horizon, reaction_time, limits.operating_acceleration,
     )  # fmt: skip
@@ -283,7 +282,7 @@ def _spread_nodes(
         compute_stop_time(
             v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
             limits.brakes, age, free, 0.0, limits.operating_acceleration,
-        ) - free
+        )[0] - free
     )  # fmt: skip
     braking = time.shape[0] - 1 - FREE_NODES
     for k in range(FREE_NODES):

@@ -11,9 +11,6 @@ How the rounding is accounted for is told in `gap`.
 from __future__ import annotations
 
 import math
-from typing import Any
-
-import numpy as np
 
 from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.contact.gap import (
@@ -28,19 +25,12 @@ from armguard.contact.gap import (
     motion,
     usable_accel,
 )
-from armguard.contact.hull_advancement import (
-    FAR,
-    SETTLED,
-    Begin,
-    carry_time,
-    far_contact_time,
-    hull_contact_time,
-)
+from armguard.contact.hull_advancement import SETTLED, carry_time, hull_contact_time
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel, merged_kernel, separate_kernel
 
 Trace = FloatArray | None
-"""Takes separating directions: see `trace_contact_time`. None costs nothing."""
+"""Takes separating directions: see `row_contact_time`. None costs nothing."""
 
 
 @merged_kernel
@@ -83,7 +73,7 @@ def _turn_aged(
 def ball_contact_time(
     one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace
 ) -> float:
-    """`trace_contact_time` for two balls."""
+    """`row_contact_time` for two balls."""
     x, y, z = other.x - one.x, other.y - one.y, other.z - one.z
     length = abs(x) + abs(y) + abs(z) + contact_distance
     if not (
@@ -128,75 +118,7 @@ def ball_contact_time(
         px, py, pz, inverse = _turn(
             one, carry_time(age1 + t, saturation1), other, carry_time(age2 + t, saturation2)
         )
-    # Go on in other units where products with the time would overflow.
-    if FAR < t < LONGEST:
-        return _far_ball_contact_time(one, other, contact_distance, advances, trace, t)
     return t
-
-
-@kernel
-def _far_ball_contact_time(
-    one: Ball, other: Ball, contact_distance: float, advances: int, trace: Trace, t: float
-) -> float:
-    # Every second row: of the layout that rows of states have, for which all this is compiled.
-    points = np.zeros((2, 3))[::2]
-    velocities = np.zeros((2, 3))[::2]
-    points[0, 0], points[0, 1], points[0, 2] = other.x - one.x, other.y - one.y, other.z - one.z
-    velocities[0, 0], velocities[0, 1], velocities[0, 2] = other.vx, other.vy, other.vz
-    here = Ball(0.0, 0.0, 0.0, one.vx, one.vy, one.vz, one.bounds)
-    size: Any = np.int64(1)  # a literal would make another kind of argument
-    hull = Hull(points, velocities, size, other.bounds)
-    return far_contact_time(here, hull, contact_distance, advances, trace, t)
-
-
-@separate_kernel
-def _any_contact_time(
-    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
-) -> float:
-    row: Any = np.int64(0)  # as above
-    begin = Begin(row, 0.0, 0.0, LONGEST)
-    t = hull_contact_time(ball, hull, contact_distance, advances, trace, begin)
-    if FAR < t < LONGEST:
-        return far_contact_time(ball, hull, contact_distance, advances, trace, t)
-    return t
-
-
-@merged_kernel
-def trace_contact_time(
-    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: Trace
-) -> float:
-    """`pair_contact_time` that leaves its separating directions behind.
-
-    `trace` is None, which costs nothing, or has the shape (2 advances, 4): a row takes the time
-    from which on a direction is in charge, in [s], and the direction. Rows that were not needed
-    stay as they were; one of a direction that did not bring the time forward has the time of the
-    next.
-    """
-    points, velocities = hull.points, hull.velocities
-    if hull.size == 1:
-        other = Ball(
-            points[0, 0], points[0, 1], points[0, 2],
-            velocities[0, 0], velocities[0, 1], velocities[0, 2], hull.bounds,
-        )  # fmt: skip
-        return ball_contact_time(ball, other, contact_distance, advances, trace)
-    return _any_contact_time(ball, hull, contact_distance, advances, trace)
-
-
-@merged_kernel
-def pair_contact_time(ball: Ball, hull: Hull, contact_distance: float, advances: int) -> float:
-    """Earliest time at which a ball and the rounded hull of moving points could touch.
-
-    Args:
-        ball: The one.
-        hull: The other.
-        contact_distance: Both radii, margin and position errors, in [m].
-        advances: The most advances: more come closer, and every number is safe.
-
-    Returns:
-        A time from now in [s] before which there is no contact; inf if never, 0 if contact is
-        possible now or any input is NaN, negative or infinite where that means nothing.
-    """
-    return trace_contact_time(ball, hull, contact_distance, advances, None)
 
 
 @kernel(inline="always")  # type: ignore[untyped-decorator]  # it has options
@@ -209,19 +131,38 @@ def row_contact_time(
     bounds: Bounds,
     contact_distance: float,
     advances: int,
+    trace: Trace,
 ) -> float:
-    """`pair_contact_time` for the hull in one row of arrays of the shape (n, k, 3).
+    """Earliest time at which a ball and the rounded hull of moving points could touch.
 
     Written out in its caller before that is compiled: to hand arrays over, and rows of them, takes
     as long, for counting references to them, as an advance of a ball.
+
+    Args:
+        ball: The one.
+        points: Of several hulls, in [m]. Shape (n, k, 3).
+        velocities: Of these points, in [m/s]. Shape (n, k, 3).
+        row: Which of the hulls is meant.
+        count: How many of its points count.
+        bounds: Of each of them.
+        contact_distance: Both radii, margin and position errors, in [m].
+        advances: The most advances: more come closer, and every number is safe.
+        trace: None, which costs nothing, or takes the separating directions: of shape
+            (advances, 4), a row for the time from which on a direction is in charge, in [s], and
+            the direction. Rows that were not needed stay as they were; one of a direction that did
+            not bring the time forward has the time of the next.
+
+    Returns:
+        A time from now in [s] before which there is no contact; inf if never, 0 if contact is
+        possible now or any input is NaN, negative or infinite where that means nothing.
     """
     if count == 1:
         other = Ball(
             points[row, 0, 0], points[row, 0, 1], points[row, 0, 2],
             velocities[row, 0, 0], velocities[row, 0, 1], velocities[row, 0, 2], bounds,
         )  # fmt: skip
-        time = ball_contact_time(ball, other, contact_distance, advances, None)
+        time = ball_contact_time(ball, other, contact_distance, advances, trace)
     else:
         hull = Hull(points[row], velocities[row], count, bounds)
-        time = _any_contact_time(ball, hull, contact_distance, advances, None)
+        time = hull_contact_time(ball, hull, contact_distance, advances, trace)
     return time

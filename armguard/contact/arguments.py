@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,9 @@ PAIR_ARGUMENTS = (
     "age1", "age2", "velocity_error1", "velocity_error2", "clock_error1", "clock_error2",
 )  # fmt: skip
 
+_FIELDS = ("v", "a", "s", "velocity_error", "age", "clock_error")
+"""Arguments of either body, in the order of `Rows`."""
+
 
 def read_vectors(name: str, value: ArrayLike) -> FloatArray:
     """Vectors of three as float64."""
@@ -26,9 +29,9 @@ def read_vectors(name: str, value: ArrayLike) -> FloatArray:
 
 
 def read_bounds(name: str, value: ArrayLike) -> FloatArray:
-    """Numbers that must not be negative as float64."""
+    """Numbers as float64; only those of an age may be negative."""
     array = np.asarray(value, dtype=np.float64)
-    if (array < 0.0).any():  # NaN passes: it makes its pair's time 0
+    if (array < 0.0).any() and not name.startswith("age"):  # NaN passes: its pair's time is 0
         index = tuple(int(i) for i in np.argwhere(array < 0.0)[0])
         where = f"{name}[{', '.join(map(str, index))}]" if index else name
         raise ArmguardError(where, f"is {array[index]}", expected="0 or more")
@@ -42,15 +45,7 @@ def check_advances(advances: int) -> int:
     return int(advances)
 
 
-def spread(array: FloatArray, shape: tuple[int, ...], inner: tuple[int, ...]) -> FloatArray:
-    """`array` broadcast to `shape` + `inner` and made flat but for `inner`; read-only."""
-    flat = np.ascontiguousarray(np.broadcast_to(array, shape + inner)).reshape((-1, *inner))
-    # Copied or not, for compiled code it is of one type: each other one would be compiled for.
-    flat.flags.writeable = False
-    return flat
-
-
-def find_common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
+def _find_common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
     """What the shapes of named arguments broadcast to."""
     try:
         return np.broadcast_shapes(*shapes.values())
@@ -59,11 +54,6 @@ def find_common_shape(shapes: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
         raise ArmguardError(
             "arguments", f"do not broadcast: {listing}", remedy="make their shapes agree"
         ) from None
-
-
-def give_shape(out: FloatArray, shape: tuple[int, ...]) -> Any:
-    """Flat results in the shape of the arguments: a float for single ones."""
-    return out.reshape(shape) if shape else float(out[0])
 
 
 class Rows(NamedTuple):
@@ -99,33 +89,31 @@ class Pairs(NamedTuple):
 
 
 def read_pairs(*values: ArrayLike) -> tuple[tuple[int, ...], Pairs]:
-    """The common shape, and the arrays checked, broadcast and flat."""
-    given = dict(zip(PAIR_ARGUMENTS, values, strict=True))
-    vectors = {name: read_vectors(name, given[name]) for name in ("p1", "v1")}
-    hulls = {name: read_vectors(name, given[name]) for name in ("p2", "v2")}
-    scalars = {
-        name: np.asarray(given[name], dtype=np.float64)
-        if name.startswith("age")  # which may be negative
-        else read_bounds(name, given[name])
-        for name in (
-            "a1", "s1", "velocity_error1", "age1", "clock_error1",
-            "a2", "s2", "velocity_error2", "age2", "clock_error2", "contact_distance",
-        )
-    }  # fmt: skip
-    for name, array in hulls.items():
-        if array.ndim < 2:
-            raise ArmguardError(name, f"has the shape {array.shape}", expected="(..., k, 3)")
-    count = max(array.shape[-2] for array in hulls.values())
+    """The common shape, and the arrays checked, broadcast, flat and read-only."""
+    arrays = {
+        name: (read_vectors if name[0] in "pv" and len(name) == 2 else read_bounds)(name, value)
+        for name, value in zip(PAIR_ARGUMENTS, values, strict=True)
+    }
+    hulls = {name: arrays[name].shape[-2:] for name in ("p2", "v2")}
+    for name, shape in hulls.items():
+        if len(shape) < 2:
+            raise ArmguardError(name, f"has the shape {shape}", expected="(..., k, 3)")
+    count = max(shape[0] for shape in hulls.values())
     if not 1 <= count <= MAX_POINTS:
         raise ArmguardError("p2", f"has {count} points", expected=f"1 to {MAX_POINTS}")
-    find_common_shape({name: array.shape[-2:] for name, array in hulls.items()})
-    shape = find_common_shape(
-        {name: array.shape[:-1] for name, array in vectors.items()}
-        | {name: array.shape[:-2] for name, array in hulls.items()}
-        | {name: array.shape for name, array in scalars.items()}
+    _find_common_shape(hulls)
+    inner = {"p1": (3,), "v1": (3,), "p2": (count, 3), "v2": (count, 3)}
+    common = _find_common_shape(
+        {
+            name: array.shape[: array.ndim - len(inner.get(name, ()))]
+            for name, array in arrays.items()
+        }
     )
-    places, velocities1 = (spread(array, shape, (3,)) for array in vectors.values())
-    corners, velocities2 = (spread(array, shape, (count, 3)) for array in hulls.values())
-    numbers = [spread(array, shape, ()) for array in scalars.values()]
-    one, other = Rows(velocities1, *numbers[:5]), Rows(velocities2, *numbers[5:10])
-    return shape, Pairs(places, one, corners, other, numbers[10])
+    flat = {}
+    for name, array in arrays.items():
+        own = inner.get(name, ())
+        flat[name] = np.ascontiguousarray(np.broadcast_to(array, common + own)).reshape((-1, *own))
+        # Copied or not, for compiled code it is of one type: each other one would be compiled for.
+        flat[name].flags.writeable = False
+    one, other = (Rows(*(flat[f"{field}{i}"] for field in _FIELDS)) for i in "12")
+    return common, Pairs(flat["p1"], one, flat["p2"], other, flat["contact_distance"])

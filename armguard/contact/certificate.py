@@ -141,23 +141,24 @@ def _dot(a: Vector, b: Vector) -> Fraction:
 
 def _floor(value: Fraction) -> Fraction:
     """The largest dyadic number of about PRECISION bits that is no larger than `value`."""
-    shift = PRECISION - value.numerator.bit_length() + value.denominator.bit_length()
-    if shift >= 0:
-        return Fraction((value.numerator << shift) // value.denominator, 1 << shift)
-    return Fraction(value.numerator // (value.denominator << -shift) << -shift)
+    unit = _power(PRECISION - value.numerator.bit_length() + value.denominator.bit_length())
+    return math.floor(value * unit) / unit
 
 
 def _root_bounds(square: Fraction) -> tuple[Fraction, Fraction]:
     """Rational numbers just below and above the square root."""
     if square == 0:
         return square, square
-    shift = 2 * PRECISION - square.numerator.bit_length() + square.denominator.bit_length()
-    shift += shift % 2
-    if shift >= 0:
-        root = math.isqrt((square.numerator << shift) // square.denominator)
-        return Fraction(root, 1 << shift // 2), Fraction(root + 1, 1 << shift // 2)
-    root = math.isqrt(square.numerator // (square.denominator << -shift))
-    return Fraction(root << -shift // 2), Fraction((root + 1) << -shift // 2)
+    unit = _power(
+        PRECISION + (square.denominator.bit_length() - square.numerator.bit_length()) // 2
+    )
+    root = math.isqrt(math.floor(square * unit * unit))
+    return root / unit, (root + 1) / unit
+
+
+def _power(exponent: int) -> Fraction:
+    """Two to an exponent."""
+    return Fraction(1 << exponent) if exponent >= 0 else Fraction(1, 1 << -exponent)
 
 
 def _separates(

@@ -23,39 +23,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.contact.advancement import (
-    ball_contact_time,
-    pair_contact_time,
-    row_contact_time,
-    trace_contact_time,
-)
+from armguard.contact.advancement import Trace, row_contact_time
 from armguard.contact.arguments import (
     Pairs,
     Rows,
     check_advances,
-    find_common_shape,
-    give_shape,
     read_bounds,
     read_pairs,
     read_vectors,
-    spread,
 )
-from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.contact.bodies import Ball, Bounds
 from armguard.contact.gap import clock_drift
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import GAP_ROUNDING
-
-__all__ = [
-    "Certificate",
-    "certify",
-    "earliest_contact",
-    "earliest_contact_hull",
-    "earliest_contact_pair",
-    "pair_contact_time",
-    "row_contact_time",
-]
 
 
 class Certificate(NamedTuple):
@@ -111,39 +93,13 @@ def _ball(pairs: Pairs, row: int) -> Ball:
 
 
 @kernel
-def _pair_loop(pairs: Pairs, advances: int, out: FloatArray) -> None:
+def _pair_loop(pairs: Pairs, advances: int, trace: Trace, out: FloatArray) -> None:
     other = pairs.other
     for i in range(out.size):
         out[i] = row_contact_time(
             _ball(pairs, i), pairs.corners, other.velocities, i, pairs.corners.shape[1],
-            _bounds(other, i), _reach(pairs, i), advances,
+            _bounds(other, i), _reach(pairs, i), advances, trace,
         )  # fmt: skip
-
-
-@kernel
-def _trace_pair(pairs: Pairs, advances: int, trace: FloatArray) -> float:
-    corners, other = pairs.corners, pairs.other
-    hull = Hull(corners[0], other.velocities[0], corners.shape[1], _bounds(other, 0))
-    return trace_contact_time(_ball(pairs, 0), hull, _reach(pairs, 0), advances, trace)
-
-
-@kernel
-def _relative_loop(
-    position: FloatArray,
-    velocity: FloatArray,
-    distance: FloatArray,
-    accel: FloatArray,
-    speed: FloatArray,
-    advances: int,
-    out: FloatArray,
-) -> None:
-    still = Ball(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0))
-    for i in range(out.size):
-        body = Ball(
-            position[i, 0], position[i, 1], position[i, 2],
-            velocity[i, 0], velocity[i, 1], velocity[i, 2], Bounds(accel[i], speed[i], 0.0, 0.0),
-        )  # fmt: skip
-        out[i] = ball_contact_time(still, body, distance[i], advances, None)
 
 
 def earliest_contact(
@@ -175,27 +131,13 @@ def earliest_contact(
     Raises:
         ArmguardError: A bound or distance is negative, or shapes do not fit.
     """
-    vectors = {
-        "position": read_vectors("position", position),
-        "velocity": read_vectors("velocity", velocity),
-    }
-    scalars = {
-        "contact_distance": read_bounds("contact_distance", contact_distance),
-        "accel": read_bounds("accel", accel),
-        "speed": read_bounds("speed", speed),
-    }
-    shape = find_common_shape(
-        {name: array.shape[:-1] for name, array in vectors.items()}
-        | {name: array.shape for name, array in scalars.items()}
-    )
-    out = np.empty(math.prod(shape))
-    _relative_loop(
-        *(spread(array, shape, (3,)) for array in vectors.values()),
-        *(spread(array, shape, ()) for array in scalars.values()),
-        check_advances(advances),
-        out,
-    )
-    return give_shape(out, shape)
+    still = np.zeros(3)
+    return earliest_contact_pair(
+        still, still, 0.0, 0.0,
+        read_vectors("position", position), read_vectors("velocity", velocity),
+        read_bounds("accel", accel), read_bounds("speed", speed),
+        read_bounds("contact_distance", contact_distance), advances=advances,
+    )  # fmt: skip
 
 
 def earliest_contact_pair(
@@ -287,8 +229,8 @@ def earliest_contact_hull(
         age1, age2, velocity_error1, velocity_error2, clock_error1, clock_error2,
     )  # fmt: skip
     out = np.empty(math.prod(shape))
-    _pair_loop(pairs, steps, out)
-    return give_shape(out, shape)
+    _pair_loop(pairs, steps, None, out)
+    return out.reshape(shape) if shape else float(out[0])
 
 
 def certify(
@@ -323,8 +265,9 @@ def certify(
     )  # fmt: skip
     if shape:
         raise ArmguardError("arguments", f"are {shape} pairs", expected="a single pair")
-    trace = np.full((2 * steps, 4), math.nan)
-    contact_time = float(_trace_pair(pairs, steps, trace))
+    trace, out = np.full((steps, 4), math.nan), np.empty(1)
+    _pair_loop(pairs, steps, trace, out)
+    contact_time = float(out[0])
     used = trace[trace[:, 0] < contact_time]
     used = used[np.diff(used[:, 0], append=contact_time) > 0.0]
     return Certificate(contact_time, used[:, 0].copy(), used[:, 1:].copy())

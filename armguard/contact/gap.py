@@ -62,21 +62,6 @@ class Approach(NamedTuple):
     """Now minus its stamp, in [s]."""
 
 
-class Forward(NamedTuple):
-    """One body along a direction, from its stamp on."""
-
-    start: float
-    """Its largest speed along the direction at its stamp, in [m/s]."""
-    top: float
-    """As that of `Approach`."""
-    accel: float
-    """As that of `Approach`."""
-    inverse: float
-    """As that of `Approach`."""
-    elapsed: float
-    """Since its stamp, in [s], not negative."""
-
-
 @kernel
 def _measured_speed(vx: float, vy: float, vz: float, speed: float, velocity_error: float) -> float:
     """The speed bound that holds: `speed`, or what was measured where that breaks it."""
@@ -200,17 +185,23 @@ def later(t: float, step: float) -> float:
 
 @merged_kernel
 def follow_forward(
-    along: float, length: float, t: float, one: Forward, other: Forward
+    along: float, length: float, t: float, one: Approach, s1: float, other: Approach, s2: float
 ) -> tuple[float, float, float]:
     """`follow` where no stamp is newer than `t`: at most three pieces, chosen without branches.
+
+    The stamps are `s1` and `s2` before `t`, in [s].
 
     A body's saturation is the time from its stamp to its top speed. With s the time since its
     stamp, a body that gains speed until sigma and has its top speed from then on comes
     start sigma + accel sigma^2 / 2 + top (s - sigma) far: its advance is the least of these over
     all sigma, so that each of them bounds it, and the rounding of sigma costs nothing.
     """
-    start1, top1, accel1, inverse1, s1 = one
-    start2, top2, accel2, inverse2, s2 = other
+    closing1, margin1, top1, accel1, inverse1, _ = one
+    closing2, margin2, top2, accel2, inverse2, _ = other
+    start1 = closing1 + margin1
+    start2 = closing2 + margin2
+    start1 = top1 if start1 > top1 else start1
+    start2 = top2 if start2 > top2 else start2
     saturation1 = (top1 - start1) * inverse1 if start1 < top1 else 0.0
     saturation2 = (top2 - start2) * inverse2 if start2 < top2 else 0.0
     # The gap at `t`: each body gains speed until its saturation and cruises from then on.
@@ -297,16 +288,6 @@ def motion(approach: Approach, s: float) -> tuple[float, float, float, float, fl
     return advance, top, -advance / span, 0.0, 0.0, saturation
 
 
-@merged_kernel
-def _go_forward(approach: Approach, elapsed: float) -> Forward:
-    """A body from its stamp on, of which `elapsed` has passed, in [s]."""
-    start = approach.closing + approach.margin
-    return Forward(
-        approach.top if start > approach.top else start,
-        approach.top, approach.accel, approach.inverse, elapsed,
-    )  # fmt: skip
-
-
 @kernel
 def follow_backward(
     along: float, length: float, t: float, one: Approach, other: Approach
@@ -322,7 +303,7 @@ def follow_backward(
         s1 = age1 + t
         s2 = age2 + t
         if s1 >= 0.0 and s2 >= 0.0:
-            return follow_forward(along, length, t, _go_forward(one, s1), _go_forward(other, s2))
+            return follow_forward(along, length, t, one, s1, other, s2)
         advance1, fast1, slope1, curvature1, end1, saturation1 = motion(one, s1)
         advance2, fast2, slope2, curvature2, end2, saturation2 = motion(other, s2)
         slack = GAP_ROUNDING * (length + fast1 * abs(s1) + fast2 * abs(s2))
@@ -360,5 +341,5 @@ def follow(
     s1 = one.age + t
     s2 = other.age + t
     if s1 >= 0.0 and s2 >= 0.0:
-        return follow_forward(along, length, t, _go_forward(one, s1), _go_forward(other, s2))
+        return follow_forward(along, length, t, one, s1, other, s2)
     return follow_backward(along, length, t, one, other)

@@ -27,6 +27,15 @@ def nearest_on_segment(ax, ay, az, bx, by, bz):
 
 
 @kernel
+def square_at(ax, ay, az, bx, by, bz, cx, cy, cz, b, c):
+    """Squared distance from the origin to the point of a-b-c with weights b and c."""
+    x = ax + b * (bx - ax) + c * (cx - ax)
+    y = ay + b * (by - ay) + c * (cy - ay)
+    z = az + b * (bz - az) + c * (cz - az)
+    return x * x + y * y + z * z
+
+
+@kernel
 def nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     """Weights of b and c in the point of triangle a-b-c nearest to the origin."""
     px, py, pz = bx - ax, by - ay, bz - az
@@ -47,15 +56,11 @@ def nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     ac = nearest_on_segment(ax, ay, az, cx, cy, cz)
     bc = nearest_on_segment(bx, by, bz, cx, cy, cz)
     best_b, best_c = ab, 0.0
-    sx, sy, sz = ax + ab * px, ay + ab * py, az + ab * pz
-    best = sx * sx + sy * sy + sz * sz
-    sx, sy, sz = ax + ac * qx, ay + ac * qy, az + ac * qz
-    square = sx * sx + sy * sy + sz * sz
+    best = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, ab, 0.0)
+    square = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, 0.0, ac)
     if square < best:
         best, best_b, best_c = square, 0.0, ac
-    sx, sy, sz = bx + bc * (cx - bx), by + bc * (cy - by), bz + bc * (cz - bz)
-    square = sx * sx + sy * sy + sz * sz
-    if square < best:
+    if square_at(bx, by, bz, cx, cy, cz, cx, cy, cz, bc, 0.0) < best:
         best_b, best_c = 1.0 - bc, bc
     return best_b, best_c
 
@@ -114,23 +119,14 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
         else:
             # The new point with each edge of the triangle: the nearest of three faces.
             b, c = nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz)
-            wx = px + b * (ax - px) + c * (bx - px)
-            wy = py + b * (ay - py) + c * (by - py)
-            wz = pz + b * (az - pz) + c * (bz - pz)
-            best = wx * wx + wy * wy + wz * wz
+            best = square_at(px, py, pz, ax, ay, az, bx, by, bz, b, c)
             out = 2
             b1, c1 = nearest_on_triangle(px, py, pz, ax, ay, az, cx, cy, cz)
-            wx = px + b1 * (ax - px) + c1 * (cx - px)
-            wy = py + b1 * (ay - py) + c1 * (cy - py)
-            wz = pz + b1 * (az - pz) + c1 * (cz - pz)
-            square = wx * wx + wy * wy + wz * wz
+            square = square_at(px, py, pz, ax, ay, az, cx, cy, cz, b1, c1)
             if square < best:
                 best, out, b, c = square, 1, b1, c1
             b1, c1 = nearest_on_triangle(px, py, pz, bx, by, bz, cx, cy, cz)
-            wx = px + b1 * (bx - px) + c1 * (cx - px)
-            wy = py + b1 * (by - py) + c1 * (cy - py)
-            wz = pz + b1 * (bz - pz) + c1 * (cz - pz)
-            if wx * wx + wy * wy + wz * wz < best:
+            if square_at(px, py, pz, bx, by, bz, cx, cy, cz, b1, c1) < best:
                 out, b, c = 0, b1, c1
             # Now a is the new point, b and c the two that stay, in the order of the weights.
             if out == 2:

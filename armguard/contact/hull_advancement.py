@@ -1,4 +1,4 @@
-"""Conservative advancement against the rounded hull of several moving points, and out of range.
+"""Conservative advancement against the rounded hull of several moving points.
 
 For one separating direction the gap of a hull is the least of its points' gaps: that is safe
 because every point of the hull is a convex combination of them, and concave because each of them
@@ -8,11 +8,8 @@ is. The direction joins the nearest points.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
-import numpy as np
-
-from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.contact.bodies import Ball, Hull
 from armguard.contact.gap import (
     LARGE,
     LONGEST,
@@ -26,23 +23,9 @@ from armguard.contact.gap import (
 )
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel, merged_kernel
+from armguard.jit.kernels import merged_kernel, separate_kernel
 
 SETTLED = 1.0 + 2.0**-44  # a smaller gain is nothing but rounding
-FAR = 1e100  # beyond, in [s], products with time may overflow
-
-
-class Begin(NamedTuple):
-    """Where an advancement begins, and in which units."""
-
-    row: int
-    """Of the trace, for the first direction."""
-    time: float
-    """Before which there is no contact, in [s]."""
-    shortest: float
-    """The least magnitude that rounding of lengths goes by, in [m]."""
-    longest: float
-    """Beyond this, in [s], directions are not turned any more."""
 
 
 @merged_kernel
@@ -63,21 +46,16 @@ def turn_hull(
     return direction(x, y, z)
 
 
-@kernel
+@separate_kernel
 def hull_contact_time(
-    ball: Ball,
-    hull: Hull,
-    contact_distance: float,
-    advances: int,
-    trace: FloatArray | None,
-    begin: Begin,
+    ball: Ball, hull: Hull, contact_distance: float, advances: int, trace: FloatArray | None
 ) -> float:
-    """`trace_contact_time` from the time of `begin` on.
+    """`row_contact_time` for a hull of any size.
 
     Invariant of the loop: there is no contact before `t`, and n is the direction to try from there.
     """
-    row, t, shortest, longest = begin
     points, velocities, count, bounds = hull
+    t = 0.0
     if not (
         count > 0 and are_bounds(ball.bounds) and are_bounds(bounds) and contact_distance >= 0.0
     ):
@@ -88,10 +66,8 @@ def hull_contact_time(
     a2 = usable_accel(bounds.accel)
     # Bodies that are aged have been carried on already; how far depends on the direction:
     # a first round with the direction of the measured places only finds the saturation times.
-    refine = age1 + t != 0.0 or age2 + t != 0.0
-    carry1 = age1 + t if t > 0.0 else 0.0
-    carry2 = age2 + t if t > 0.0 else 0.0
-    nx, ny, nz, inverse = turn_hull(ball, carry1, hull, carry2)
+    refine = age1 != 0.0 or age2 != 0.0
+    nx, ny, nz, inverse = turn_hull(ball, 0.0, hull, 0.0)
     k = 0
     while k < advances:
         # Advance: the soonest root of all corners' gaps is the time that this direction reaches.
@@ -104,7 +80,7 @@ def hull_contact_time(
             y = points[j, 1] - ball.y
             z = points[j, 2] - ball.z
             ux, uy, uz = velocities[j, 0], velocities[j, 1], velocities[j, 2]
-            length = max(abs(x) + abs(y) + abs(z) + contact_distance, shortest)
+            length = abs(x) + abs(y) + abs(z) + contact_distance
             if not TINY < length < LARGE:
                 return t
             top2, margin2 = limits(ux, uy, uz, bounds)
@@ -128,12 +104,10 @@ def hull_contact_time(
                 nx, ny, nz, inverse = cx, cy, cz, turned
                 continue
         if trace is not None:
-            trace[row + k, 0] = t
-            trace[row + k, 1] = nx * inverse
-            trace[row + k, 2] = ny * inverse
-            trace[row + k, 3] = nz * inverse
+            trace[k, 0] = t
+            trace[k, 1], trace[k, 2], trace[k, 3] = nx * inverse, ny * inverse, nz * inverse
         # Turn: from the new time on, along the nearest points of where the bodies are carried to.
-        if not t * SETTLED < reached < longest:
+        if not t * SETTLED < reached < LONGEST:
             return max(t, reached)
         t = reached
         nx, ny, nz, inverse = turn_hull(
@@ -141,83 +115,3 @@ def hull_contact_time(
         )
         k += 1
     return t
-
-
-@kernel
-def _scale(bounds: Bounds, time_exponent: int, length_exponent: int, floor: float) -> Bounds:
-    """Bounds in units of other powers of two, speeds no less than `floor`."""
-    speed_exponent = time_exponent - length_exponent
-    accel_exponent = 2 * time_exponent - length_exponent
-    return Bounds(
-        _scaled_bound(bounds.accel, accel_exponent),
-        max(_scaled_bound(bounds.speed, speed_exponent), floor),
-        max(_scaled_bound(bounds.velocity_error, speed_exponent), floor),
-        math.ldexp(bounds.age, -time_exponent),
-    )
-
-
-@kernel
-def _scaled_bound(bound: float, exponent: int) -> float:
-    return bound if bound == 0.0 else max(math.ldexp(bound, exponent), 2.0 * TINY)
-
-
-@kernel
-def far_contact_time(
-    ball: Ball,
-    hull: Hull,
-    contact_distance: float,
-    advances: int,
-    trace: FloatArray | None,
-    t: float,
-) -> float:
-    """Go on from a `t` so far that products with it overflow, in units in which they do not.
-
-    The new units are powers of two, so that only underflow rounds: it is far below what the
-    shortest length, velocity error and speed that are then assumed make up for.
-    """
-    points, velocities, count, bounds = hull
-    size = abs(ball.vx) + abs(ball.vy) + abs(ball.vz)
-    length = contact_distance
-    for j in range(count):
-        size = max(size, abs(velocities[j, 0]) + abs(velocities[j, 1]) + abs(velocities[j, 2]))
-        x, y, z = points[j, 0] - ball.x, points[j, 1] - ball.y, points[j, 2] - ball.z
-        length = max(length, abs(x) + abs(y) + abs(z))
-    time_exponent = math.frexp(t)[1]
-    length_exponent = max(math.frexp(length)[1], math.frexp(size)[1] + time_exponent)
-    speed_exponent = time_exponent - length_exponent
-    floor = 2.0 * TINY if size > 0.0 else 0.0
-    # Every second row: of the layout that rows of states have, for which all this is compiled.
-    corners = np.zeros((2 * count, 3))[::2]
-    motions = np.zeros((2 * count, 3))[::2]
-    for j in range(count):
-        corners[j, 0] = math.ldexp(points[j, 0] - ball.x, -length_exponent)
-        corners[j, 1] = math.ldexp(points[j, 1] - ball.y, -length_exponent)
-        corners[j, 2] = math.ldexp(points[j, 2] - ball.z, -length_exponent)
-        for i in range(3):
-            motions[j, i] = math.ldexp(velocities[j, i], speed_exponent)
-    scaled = Ball(
-        0.0, 0.0, 0.0,
-        math.ldexp(ball.vx, speed_exponent),
-        math.ldexp(ball.vy, speed_exponent),
-        math.ldexp(ball.vz, speed_exponent),
-        _scale(ball.bounds, time_exponent, length_exponent, floor),
-    )  # fmt: skip
-    reached = hull_contact_time(
-        scaled,
-        Hull(corners, motions, count, _scale(bounds, time_exponent, length_exponent, floor)),
-        math.ldexp(contact_distance, -length_exponent),
-        advances,
-        trace,
-        Begin(
-            advances,
-            math.ldexp(t, -time_exponent),
-            2.0 * TINY,
-            math.ldexp(LONGEST, -time_exponent),
-        ),
-    )
-    if trace is not None:
-        for k in range(advances, 2 * advances):
-            trace[k, 0] = math.ldexp(trace[k, 0], time_exponent)
-    if reached == math.inf:
-        return math.inf
-    return max(t, min(math.ldexp(reached, time_exponent), LONGEST))

@@ -201,9 +201,16 @@ def _measure_reach(pieces: FloatArray, surface: Surface, centers: FloatArray) ->
 
 def _cover(needed: FloatArray, limit: float) -> list[int]:
     """Greedy set cover: rows that together reach every column within the limit."""
-    chosen = np.empty(needed.shape[1], dtype=np.int64)
-    count = _choose_greedily(needed, limit, chosen)
-    return [int(row) for row in chosen[:count]]
+    within = needed <= limit
+    gains, is_open = within.sum(axis=1), np.ones(needed.shape[1], dtype=np.bool_)
+    chosen: list[int] = []
+    # Invariant: a row's gain is the number of columns within its limit that no chosen row reaches.
+    while gains.any():
+        chosen.append(int(np.argmax(gains)))
+        taken = is_open & within[chosen[-1]]
+        is_open &= ~taken
+        gains -= within[:, taken].sum(axis=1)
+    return chosen
 
 
 def _cover_with(needed: FloatArray, count: int) -> list[int]:
@@ -284,38 +291,7 @@ def _assign_pieces(pieces: FloatArray, surface: Surface, centers: FloatArray) ->
 def _farthest_corners(centers, pieces, distances):
     for i in range(len(centers)):
         for j in range(len(pieces)):
-            farthest = 0.0
-            for k in range(pieces.shape[1]):
-                x = pieces[j, k, 0] - centers[i, 0]
-                y = pieces[j, k, 1] - centers[i, 1]
-                z = pieces[j, k, 2] - centers[i, 2]
-                farthest = max(farthest, x * x + y * y + z * z)
-            distances[i, j] = math.sqrt(farthest)
-
-
-@kernel
-def _choose_greedily(needed, limit, chosen):
-    """Fill `chosen` with the rows of a cover; return how many. Every column can be reached."""
-    rows, columns = needed.shape
-    is_open = np.ones(columns, dtype=np.bool_)
-    gains = np.zeros(rows, dtype=np.int64)
-    for i in range(rows):
-        for j in range(columns):
-            gains[i] += needed[i, j] <= limit
-    # Invariant: a row's gain is the number of columns within its limit that no chosen row reaches.
-    count = 0
-    while True:
-        best = int(np.argmax(gains))
-        if gains[best] == 0:
-            return count
-        chosen[count] = best
-        count += 1
-        # Close what the chosen row reaches, and take it from the gains of all rows.
-        taken = np.nonzero(is_open & (needed[best] <= limit))[0]
-        is_open[taken] = False
-        for i in range(rows):
-            for column in taken:
-                gains[i] -= needed[i, column] <= limit
+            distances[i, j] = _reach(centers[i], pieces[j])
 
 
 @kernel

@@ -7,7 +7,6 @@ stands keeps a planner and the monitor talking of the same spheres; a fitted cov
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +14,11 @@ import numpy as np
 from armguard.cover.containment import is_contained, tighten
 from armguard.cover.cover import Cover, Surfaces, get_surface, hash_surface
 from armguard.cover.fitting import cut_pieces
+from armguard.cover.interchange import Spheres
 from armguard.cover.patches import bisect_pieces, compute_corners, compute_hull_points
 from armguard.cover.sphere_tree import MARGIN, Node, SphereTree, build_tree, enclose
 from armguard.exceptions import CoverError
 from armguard.jit.arrays import FloatArray
-
-Spheres = Mapping[str, FloatArray]
-"""Centre and radius in [m] by link, in the frame of the joint that moves it, each (n, 4)."""
 
 
 @dataclass(frozen=True)
@@ -116,30 +113,19 @@ def _inflate(link: str, surface: FloatArray, spheres: FloatArray) -> SphereTree:
         distances = np.sqrt(((pieces - sphere[:3]) ** 2).sum(axis=2)).max(axis=1)
         better = distances - sphere[3] < growth
         growth[better], owners[better] = distances[better] - sphere[3], i
+    used = np.unique(owners)
+    own = np.round(spheres[used, 3] + MARGIN, 6)
     leaves = []
-    for i in np.unique(owners):
+    for i, radius in zip(used, own, strict=True):
         corners = np.unique(pieces[owners == i].reshape(-1, 3), axis=0)
         ball = enclose(spheres[i, :3], corners)
-        ball[3] = max(ball[3], _round_up(spheres[i, 3]))
+        ball[3] = max(ball[3], radius)
         leaves.append(Node(ball, corners, []))
     tree = build_tree(leaves)
     if not is_contained(surface, tree):
         raise CoverError(f"link {link!r}", "its inflated spheres could not be proved")
-    least: dict[tuple[float, ...], float] = {}
-    for i, leaf in zip(np.unique(owners), leaves, strict=True):
-        place = tuple(leaf.sphere[:3])  # two may share one: the larger need not shrink, either
-        least[place] = max(least.get(place, 0.0), _round_up(spheres[i, 3]))
-    return tighten(
-        surface,
-        tree,
-        np.array(
-            [
-                least[tuple(sphere[:3])] if not children else 0.0
-                for sphere, children in zip(tree.spheres, tree.child_count, strict=True)
-            ]
-        ),
-    )
-
-
-def _round_up(radius: float) -> float:
-    return round(float(radius) + MARGIN, 6)
+    # No leaf is made smaller than it was. Of two in one place the larger stays as it was, too.
+    centers = np.array([leaf.sphere[:3] for leaf in leaves])
+    is_there = (tree.spheres[:, None, :3] == centers).all(axis=2)
+    least = np.where(is_there, own, 0.0).max(axis=1)
+    return tighten(surface, tree, np.where(tree.child_count == 0, least, 0.0))

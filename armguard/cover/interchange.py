@@ -8,6 +8,7 @@ cover before `armguard.cover.inflation` has made and proved one of it.
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
@@ -49,14 +50,10 @@ def read_spheres(path: str | Path) -> dict[str, FloatArray]:
         CoverError: The file is unreadable, malformed or without spheres.
     """
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise CoverError(str(path), f"cannot be read: {error.strerror}") from error
     if path.suffix in YAML_ENDINGS:
-        spheres = _read_curobo(path, content)
+        spheres = _read_curobo(path)
     elif path.suffix == ".urdf":
-        spheres = _read_urdf(path, content)
+        spheres = _read_urdf(path)
     else:
         raise CoverError(str(path), "is of no known kind", expected=".yml, .yaml or .urdf")
     spheres = {link: rows for link, rows in spheres.items() if len(rows)}
@@ -113,10 +110,7 @@ def write_spherized_urdf(path: str | Path, robot: Links, cover: Cover, urdf: str
         cover: Its links lose the collision geometry that they have; other links keep theirs.
         urdf: The robot's own URDF.
     """
-    try:
-        root = ElementTree.fromstring(Path(urdf).read_bytes())
-    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:
-        raise CoverError(str(urdf), f"cannot be read: {error}") from error
+    root = _read_xml(urdf)
     elements = {element.get("name", ""): element for element in root.findall("link")}
     for link in cover.links:
         if link not in elements:
@@ -151,43 +145,32 @@ class _CuroboFile(msgspec.Struct, omit_defaults=True):
     robot_cfg: _CuroboRobot | None = None
 
 
-def _read_curobo(path: Path, content: bytes) -> dict[str, FloatArray]:
-    try:
-        # Not strict: YAML takes 1e-3, without a point, for text.
-        file = msgspec.yaml.decode(content, type=_CuroboFile, strict=False)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CoverError(str(path), " ".join(str(error).split())) from error
-    if file.robot_cfg is None:
-        links: dict[str, list[_CuroboSphere]] | str | None = file.collision_spheres
-        buffer: float | dict[str, float] = 0.0
-    else:
+def _read_curobo(path: Path) -> dict[str, FloatArray]:
+    file = _decode(path)
+    links: dict[str, list[_CuroboSphere]] | str | None = file.collision_spheres
+    buffer: float | dict[str, float] = 0.0
+    if file.robot_cfg is not None:
         links = file.robot_cfg.kinematics.collision_spheres
         buffer = file.robot_cfg.kinematics.collision_sphere_buffer
+    if isinstance(links, str):  # a file beside the configuration
+        links = _decode(path.parent / links).collision_spheres or {}
     if links is None:
         raise CoverError(str(path), "has neither collision_spheres nor robot_cfg")
-    if isinstance(links, str):
-        bare = {link: _as_rows(rows) for link, rows in _read_list(path, links).items()}
-    else:
-        bare = {link: _as_rows(rows) for link, rows in links.items()}
+    bare = {link: _as_rows(rows) for link, rows in links.items()}
     for link, rows in bare.items():
         rows[:, 3] += buffer.get(link, 0.0) if isinstance(buffer, dict) else buffer
     return {link: rows[~(rows[:, 3] <= 0.0)] for link, rows in bare.items()}
 
 
-def _read_list(path: Path, name: str) -> dict[str, list[_CuroboSphere]]:
-    """The file of spheres that a robot's configuration names, beside it."""
-    beside = path.parent / name
-    if "\0" in name:
-        raise CoverError(str(path), f"names spheres in {name!r}", expected="the name of a file")
+def _decode(path: Path) -> _CuroboFile:
     try:
-        file = msgspec.yaml.decode(beside.read_bytes(), type=_CuroboFile, strict=False)
+        # Not strict: YAML takes 1e-3, without a point, for text.
+        return msgspec.yaml.decode(path.read_bytes(), type=_CuroboFile, strict=False)
     except OSError as error:
-        raise CoverError(
-            str(path), f"names spheres in {beside}, which cannot be read: {error.strerror}"
-        ) from error
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise CoverError(str(beside), " ".join(str(error).split())) from error
-    return file.collision_spheres or {}
+        raise CoverError(str(path), f"cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        place = str(path).replace("\0", "\\0")
+        raise CoverError(place, " ".join(str(error).split())) from error
 
 
 def _as_rows(spheres: list[_CuroboSphere]) -> FloatArray:
@@ -196,14 +179,17 @@ def _as_rows(spheres: list[_CuroboSphere]) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, 4)
 
 
-def _read_urdf(path: Path, content: bytes) -> dict[str, FloatArray]:
-    """Spheres among the collision geometry; links without are measured as uncovered later."""
+def _read_xml(path: str | Path) -> ElementTree.Element:
     try:
-        root = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise CoverError(str(path), f"is not XML: {error}") from error
+        return ElementTree.fromstring(Path(path).read_bytes())
+    except (OSError, ElementTree.ParseError, LookupError, ValueError) as error:
+        raise CoverError(str(path), f"cannot be read: {error}") from error
+
+
+def _read_urdf(path: Path) -> dict[str, FloatArray]:
+    """Spheres among the collision geometry; links without are measured as uncovered later."""
     links: dict[str, FloatArray] = {}
-    for element in root.findall("link"):
+    for element in _read_xml(path).findall("link"):
         link, rows = element.get("name", ""), []
         for collision in element.findall("collision"):
             sphere, origin = collision.find("geometry/sphere"), collision.find("origin")
@@ -213,15 +199,13 @@ def _read_urdf(path: Path, content: bytes) -> dict[str, FloatArray]:
             try:
                 x, y, z = map(float, xyz.split())
                 radius = float(sphere.get("radius", ""))
-            except ValueError as error:
+            except ValueError:
+                x = y = z = radius = math.nan
+            if not (radius > 0.0 and math.isfinite(x + y + z)):
                 raise CoverError(
                     f"{path}: link {link!r}",
                     f"has a sphere of radius {sphere.get('radius')!r} at {xyz!r}",
-                    expected="numbers",
-                ) from error
-            if not radius > 0.0:
-                raise CoverError(
-                    f"{path}: link {link!r}", f"has a sphere of radius {radius}", expected="> 0"
+                    expected="numbers, and a radius above 0",
                 )
             rows.append((x, y, z, radius))
         links[link] = np.array(rows, dtype=np.float64).reshape(-1, 4)

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armguard.contact.gjk import nearest_on_triangle, square_at
+from armguard.cover.patches import bisect_pieces, measure_sides
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kept_results import keep_results
 from armguard.jit.kernels import kernel
@@ -138,14 +140,8 @@ def _touch(
     while len(pieces):
         x, y, z = np.floor((pieces.mean(axis=1) - corner) / step).astype(np.int64).T
         touched[owners[near[x, y, z]]] = True
-        squared = ((pieces - np.roll(pieces, -1, axis=1)) ** 2).sum(axis=2)
-        keep = (squared.max(axis=1) > step**2) & ~touched[owners]
-        pieces, squared, owners = pieces[keep], squared[keep], owners[keep]
-        turn = (np.argmax(squared, axis=1)[:, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(pieces, turn[:, :, None], axis=1).transpose(1, 0, 2)
-        middle = 0.5 * (a + b)
-        pieces = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
-        owners = np.concatenate([owners, owners])
+        keep = (measure_sides(pieces) > step**2) & ~touched[owners]
+        pieces, owners = bisect_pieces(pieces[keep]), np.tile(owners[keep], 2)
     return touched
 
 
@@ -159,33 +155,13 @@ def _mark_near(corner, step, surface, limit, is_free):
             k = 0
             # Invariant: all cells of this row before k are marked as they should be.
             while k < is_free.shape[2]:
-                room = _find_room(x, y, corner[2] + step * (k + 0.5), surface, limit)
+                room = measure_distance(x, y, corner[2] + step * (k + 0.5), surface)
                 if room > limit:
                     # Each cell on the way is nearer by no more than a step.
                     k += 1 + int(min((room - limit) / (step * (1.0 + PRUNING_SLACK)), 1e6))
                 else:
                     is_free[i, j, k] = False
                     k += 1
-
-
-@kernel
-def _find_room(px, py, pz, surface, limit):
-    """A lower bound on the distance to all triangles; 0 if one is no farther than `limit`."""
-    triangles, starts, balls = surface.triangles, surface.starts, surface.balls
-    room = math.inf
-    for block in range(len(balls)):
-        x, y, z = balls[block, 0] - px, balls[block, 1] - py, balls[block, 2] - pz
-        away = math.sqrt(x * x + y * y + z * z)
-        bound = away - balls[block, 3] - PRUNING_SLACK * away
-        if not bound > limit:
-            bound = math.inf
-            for j in range(starts[block], starts[block + 1]):
-                bound = min(bound, _triangle_squared(triangles[j], px, py, pz))
-            bound = math.sqrt(bound)
-            if not bound > limit:
-                return 0.0
-        room = min(room, bound)
-    return room
 
 
 @kernel
@@ -250,51 +226,11 @@ def is_inside(px, py, pz, surface):
     return abs(solid_angle) > 2.0 * math.pi
 
 
-@kernel(inline="always")
-def _segment_squared(ax, ay, az, bx, by, bz):
-    """Squared distance from the origin to segment ab."""
-    ex, ey, ez = bx - ax, by - ay, bz - az
-    length = ex * ex + ey * ey + ez * ez
-    s = 0.0
-    if length > 0.0:
-        s = min(1.0, max(0.0, -(ax * ex + ay * ey + az * ez) / length))
-    x, y, z = ax + s * ex, ay + s * ey, az + s * ez
-    return x * x + y * y + z * z
-
-
 @kernel
 def _triangle_squared(triangle, px, py, pz):
-    """Squared distance from a point to a triangle."""
-    return _squared_distance(
-        triangle[0, 0] - px, triangle[0, 1] - py, triangle[0, 2] - pz,
-        triangle[1, 0] - px, triangle[1, 1] - py, triangle[1, 2] - pz,
-        triangle[2, 0] - px, triangle[2, 1] - py, triangle[2, 2] - pz,
-    )  # fmt: skip
-
-
-@kernel(inline="always")
-def _squared_distance(ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Squared distance from the origin to triangle abc, degenerate ones included."""
-    ux, uy, uz = bx - ax, by - ay, bz - az
-    wx, wy, wz = cx - ax, cy - ay, cz - az
-    nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-    area = nx * nx + ny * ny + nz * nz
-    if area > 0.0:
-        height = ax * nx + ay * ny + az * nz
-        px, py, pz = height * nx / area, height * ny / area, height * nz / area
-        # Barycentric signs of the origin's foot on the plane.
-        s = _side(ax - px, ay - py, az - pz, bx - px, by - py, bz - pz, nx, ny, nz)
-        t = _side(bx - px, by - py, bz - pz, cx - px, cy - py, cz - pz, nx, ny, nz)
-        u = _side(cx - px, cy - py, cz - pz, ax - px, ay - py, az - pz, nx, ny, nz)
-        if s >= 0.0 and t >= 0.0 and u >= 0.0:
-            return height * height / area
-    return min(
-        _segment_squared(ax, ay, az, bx, by, bz),
-        _segment_squared(bx, by, bz, cx, cy, cz),
-        _segment_squared(cx, cy, cz, ax, ay, az),
-    )
-
-
-@kernel(inline="always")
-def _side(ax, ay, az, bx, by, bz, nx, ny, nz):
-    return nx * (ay * bz - az * by) + ny * (az * bx - ax * bz) + nz * (ax * by - ay * bx)
+    """Squared distance from a point to a triangle, degenerate ones included."""
+    ax, ay, az = triangle[0, 0] - px, triangle[0, 1] - py, triangle[0, 2] - pz
+    bx, by, bz = triangle[1, 0] - px, triangle[1, 1] - py, triangle[1, 2] - pz
+    cx, cy, cz = triangle[2, 0] - px, triangle[2, 1] - py, triangle[2, 2] - pz
+    b, c = nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
+    return square_at(ax, ay, az, bx, by, bz, cx, cy, cz, b, c)

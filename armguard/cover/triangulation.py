@@ -129,15 +129,10 @@ def hull_triangles(name: str, points: FloatArray) -> FloatArray:
 
 
 def _mesh_triangles(mesh: Any) -> FloatArray:
-    indices = np.array(
-        [
-            [corner[0], corner[1], corner[2]]
-            for corner in map(mesh.tri_indices, range(mesh.num_tris))
-        ],
-        dtype=np.int64,
-    ).reshape(-1, 3)
+    faces = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+    indices = np.array([[face[0], face[1], face[2]] for face in faces], dtype=np.int64)
     vertices: FloatArray = np.array(mesh.vertices(), dtype=np.float64)
-    return vertices[indices]
+    return vertices[indices.reshape(-1, 3)]
 
 
 def _prism_triangles(radius: float, half_length: float) -> FloatArray:

@@ -122,7 +122,7 @@ def explain_pair(
             response,
             0.0,
             scene_limits.operating_acceleration,
-        )
+        )[0]
         return time
 
     saved = stop_time(braking_delay) - stop_time(max(braking_delay - MILLISECOND, 0.0))

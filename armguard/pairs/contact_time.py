@@ -12,6 +12,7 @@ hundred of them, takes longer than most evaluations.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,7 +64,7 @@ def reach_time(
     time: float = row_contact_time(
         Ball(x, y, z, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0)),
         bodies.points, bodies.velocities, row, bodies.point_count[row],
-        bounds_of(bodies, row, age), distance, np.int64(REACH_ADVANCES),
+        bounds_of(bodies, row, age), distance, np.int64(REACH_ADVANCES), None,
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 
@@ -89,7 +90,7 @@ def _free_time(
     )  # fmt: skip
     time: float = row_contact_time(
         sphere, bodies.points, bodies.velocities, row, bodies.point_count[row],
-        bounds_of(bodies, row, age), distance, ADVANCES,
+        bounds_of(bodies, row, age), distance, ADVANCES, None,
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
 

@@ -18,10 +18,9 @@ from armguard.cover.patches import drop_nothing, place_patches, swell_nothing
 from armguard.cover.triangulation import make_patches, triangulate
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
-from armguard.robot.links import place
+from armguard.robot.links import is_rotation, place
 
 FARTHEST = 10.0  # [m] from the joint: beyond it, millimetres are the likelier reading
-RIGID = 1e-9
 
 
 class AttachedBody:
@@ -124,14 +123,10 @@ def _read_placement(offender: str, placement: pinocchio.SE3 | ArrayLike | None) 
         raise RobotError(
             offender, f"has placement {matrix.tolist()}", expected="finite, of shape (4, 4)"
         )
-    rotation = matrix[:3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        deviation = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    is_rigid = deviation <= RIGID and np.linalg.det(rotation) > 0.0
-    if not (is_rigid and (matrix[3] == [0.0, 0.0, 0.0, 1.0]).all()):
+    if not (is_rotation(matrix[:3, :3]) and (matrix[3] == [0.0, 0.0, 0.0, 1.0]).all()):
         raise RobotError(
             offender,
             f"has placement {matrix.tolist()}",
             expected="a rigid motion: orthonormal, right-handed, last row 0 0 0 1",
         )
-    return pinocchio.SE3(rotation, matrix[:3, 3])
+    return pinocchio.SE3(matrix[:3, :3], matrix[:3, 3])

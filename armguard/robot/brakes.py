@@ -12,6 +12,7 @@ counts: a heavier arm, or a faster one, stops no sooner.
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -98,7 +99,7 @@ def find_stop(brakes: BrakeCurves, joint: int, speed: float) -> Stop:
     """How a joint stops from a speed of at most `speed`, by the next entry up.
 
     Beyond the range of its brakes nothing is known: the last entry stands in, so that what is
-    computed with it stays finite, and proves nothing. `find_uncovered` tells.
+    computed with it stays finite, and proves nothing. `compute_stop_time` tells.
     """
     last = brakes.speed.shape[1] - 1
     step = 0
@@ -140,25 +141,19 @@ def braked_displacement(speed: float, stop: Stop, s: float) -> float:
 
 
 @kernel
-def fastest_that_rests(brakes: BrakeCurves, joint: int, within: float) -> float:
-    """The greatest speed from which a joint surely rests within a time, in [rad]/[s] or [m]/[s]."""
-    fastest = 0.0
-    for step in range(brakes.speed.shape[1]):
-        top = brakes.speed[joint, step]
-        if not brakes.time[joint, step] <= within:
-            top = min(top, within * brakes.deceleration[joint, step])
-        fastest = max(fastest, top)
-        if top < brakes.speed[joint, step]:
-            break
-    return fastest
-
-
-@kernel
 def scale_that_rests(brakes: BrakeCurves, velocity: FloatArray, within: float) -> float:
     """The greatest fraction of some velocities, (nv,), from which all joints rest within a time."""
     scale = 1.0
     for joint in range(velocity.shape[0]):
-        scale = min(scale, fastest_that_rests(brakes, joint, within) / velocity[joint])
+        fastest = 0.0
+        for step in range(brakes.speed.shape[1]):
+            top = brakes.speed[joint, step]
+            if not brakes.time[joint, step] <= within:
+                top = min(top, within * brakes.deceleration[joint, step])
+            fastest = max(fastest, top)
+            if top < brakes.speed[joint, step]:
+                break
+        scale = min(scale, fastest / velocity[joint])
     return scale
 
 
@@ -255,11 +250,8 @@ class Brakes:
         """
         if payload is None:
             return self.most_payload
-        number = math.nan
-        if isinstance(payload, int | float | np.integer | np.floating) and not isinstance(
-            payload, bool
-        ):
-            number = float(payload)
+        is_number = isinstance(payload, numbers.Real) and not isinstance(payload, bool)
+        number = float(payload) if is_number else math.nan  # type: ignore[arg-type]
         if not 0.0 <= number <= self.most_payload:
             raise RobotError(
                 "payload",
@@ -330,7 +322,7 @@ def read_rows(
         accelerations: Limits of the joints, in [rad]/[s²] or [m]/[s²]. Shape (joints,).
 
     Raises:
-        RobotError: An entry is missing or unusable, or the table of a joint falls or has a hole.
+        RobotError: An entry is missing or unusable, or the table of a joint falls.
     """
     entries: dict[str, list[BrakeEntry]] = {joint: [] for joint in joints}
     for number, row in enumerate(rows):
@@ -353,45 +345,37 @@ KINDS = ("stopping_time", "stopping_distance", "deceleration")
 def _name_joints(where: str, row: BrakeRow, joints: list[str]) -> list[str]:
     """The joints that a row is about."""
     mappings = {
-        key: value for key in ("speed", *KINDS) if isinstance(value := getattr(row, key), dict)
+        key: list(value)
+        for key in ("speed", *KINDS)
+        if isinstance(value := getattr(row, key), dict)
     }
-    named: list[str] = []
-    for key, mapping in mappings.items():
-        if not mapping:
-            raise RobotError(f"{where}: {key}", "names no joint", expected="a number for each")
-        for joint in mapping:
-            if joint not in joints:
-                raise RobotError(
-                    f"{where}: {key}",
-                    f"names joint {joint}",
-                    expected=f"one of {', '.join(joints)}",
-                )
-        named += [joint for joint in mapping if joint not in named]
-    for key, mapping in mappings.items():
-        for joint in named:
-            if joint not in mapping:
-                raise RobotError(
-                    f"{where}: {key}", f"lacks joint {joint}", expected="the row's other joints too"
-                )
-    return named or joints
+    named = next(iter(mappings.values()), joints)
+    for key, found in mappings.items():
+        if not (found and set(found) == set(named) and set(found) <= set(joints)):
+            raise RobotError(
+                f"{where}: {key}",
+                f"names {', '.join(found) or 'no joint'}",
+                expected=f"one or more of {', '.join(joints)}, and the same in all mappings",
+            )
+    return named
 
 
 def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> BrakeEntry:
-    numbers = {}
+    found = {}
     for key in ("speed", *KINDS):
         value = getattr(row, key)
         number = value.get(joint) if isinstance(value, dict) else value
         if number is not None:
             if not 0.0 < number < math.inf:
                 raise RobotError(where, f"{key} = {number}", expected="positive and finite")
-            numbers[key] = float(number)
-    if ("stopping_time" in numbers) != ("stopping_distance" in numbers):
+            found[key] = float(number)
+    if ("stopping_time" in found) != ("stopping_distance" in found):
         raise RobotError(
             where,
             "has one of stopping_time and stopping_distance",
             expected="both, as makers publish them, or neither",
         )
-    if len(numbers) == 1:
+    if len(found) == 1:
         raise RobotError(
             where,
             "says a range and nothing of the brakes",
@@ -402,10 +386,10 @@ def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> B
         raise RobotError(where, "its braking limit has no source")
     return BrakeEntry(
         load=float(row.load),
-        speed=numbers["speed"],
-        stopping_time=numbers.get("stopping_time", math.inf),
-        stopping_distance=numbers.get("stopping_distance", math.inf),
-        deceleration=numbers.get("deceleration", 0.0),
+        speed=found["speed"],
+        stopping_time=found.get("stopping_time", math.inf),
+        stopping_distance=found.get("stopping_distance", math.inf),
+        deceleration=found.get("deceleration", 0.0),
         source=source,
     )
 
@@ -413,18 +397,9 @@ def _read_entry(where: str, row: BrakeRow, joint: str, general_source: str) -> B
 def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -> None:
     """Refuse entries that contradict one another, a limit or themselves."""
     for one in entries:
-        if not one.deceleration <= acceleration:
-            raise RobotError(
-                where,
-                f"deceleration = {one.deceleration:g} {_spell(one)} exceeds "
-                f"acceleration = {acceleration:g}",
-                remedy="the acceleration limit holds while braking as well",
-            )
-        if one.stopping_time == math.inf:
-            continue
         # Within rounding of what is printed with three digits or more.
         reach = one.speed * one.stopping_time
-        if not one.stopping_distance <= reach * (1.0 + 1e-9):
+        if one.stopping_time < math.inf and not one.stopping_distance <= reach * (1.0 + 1e-9):
             raise RobotError(
                 where,
                 f"stopping_distance = {one.stopping_distance:g} {_spell(one)}",
@@ -432,44 +407,21 @@ def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -
             )
         shortest = 0.5 * one.speed * one.speed / acceleration
         if not (
-            acceleration * one.stopping_time >= one.speed and one.stopping_distance >= shortest
+            one.deceleration <= acceleration
+            and acceleration * one.stopping_time >= one.speed
+            and one.stopping_distance >= shortest
         ):
             raise RobotError(
                 where,
-                f"stops within {one.stopping_time:g} s and {one.stopping_distance:g} {_spell(one)}",
+                f"deceleration = {one.deceleration:g}, stopping_time = {one.stopping_time:g} and "
+                f"stopping_distance = {one.stopping_distance:g} {_spell(one)} exceed its limit",
                 expected=f"no harder a stop than by acceleration = {acceleration:g}",
                 remedy="the acceleration limit holds while braking as well",
             )
-    timed = [one for one in entries if one.stopping_time < math.inf]
-    held = [one for one in entries if one.deceleration > 0.0]
-    for kind, stated in (("stopping_time", timed), ("deceleration", held)):
-        _check_shape(where, kind, stated)
     for one in entries:
         for other in entries:
             if one.load <= other.load and one.speed <= other.speed:
                 _check_order(where, one, other)
-
-
-def _check_shape(where: str, kind: str, stated: list[BrakeEntry]) -> None:
-    """Refuse what is stated twice, or not at all though it is for more load and more speed."""
-    places = [(one.load, one.speed) for one in stated]
-    for load, speed in places:
-        if places.count((load, speed)) > 1:
-            raise RobotError(
-                where,
-                f"has {kind} at {load:g} kg and a speed of {speed:g} twice",
-                expected="one row for each load and speed",
-            )
-    for load in sorted({load for load, _ in places}):
-        for speed in sorted({speed for _, speed in places}):
-            beyond = [place for place in places if place[0] >= load and place[1] >= speed]
-            if beyond and (load, speed) not in places:
-                other = min(beyond)
-                raise RobotError(
-                    where,
-                    f"has a hole: no {kind} at {load:g} kg and a speed of {speed:g}",
-                    expected=f"one, as there is one at {other[0]:g} kg and {other[1]:g}",
-                )
 
 
 def _check_order(where: str, one: BrakeEntry, other: BrakeEntry) -> None:

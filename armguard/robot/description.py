@@ -153,7 +153,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             place: What to call the file in errors.
 
         Raises:
-            RobotError: An entry is missing or unusable, or the table of a joint falls or has holes.
+            RobotError: An entry is missing or unusable, or the table of a joint falls.
         """
         sources = {name: self.source(name, "braking") for name in self.joints}
         accelerations = np.array([joint.acceleration for joint in self.joints.values()])
@@ -360,14 +360,11 @@ def _check_operating(
         limits: dict[str, float] = getattr(published, key)
         if not getattr(published.sources, key).strip():
             raise RobotError(where, "has no source")
-        for name in limits:
-            if name not in description.joints:
-                raise RobotError(
-                    where, f"names joint {name}", expected=f"one of {', '.join(description.joints)}"
-                )
+        if set(limits) != set(description.joints):
+            raise RobotError(
+                where, f"is for {', '.join(limits)}", expected=", ".join(description.joints)
+            )
         for name, joint in description.joints.items():
-            if name not in limits:
-                raise RobotError(where, f"lacks joint {name}", expected="every joint of [joints]")
             hardware = getattr(joint, key)
             # Neither is NaN let through, nor a limit that the hardware could not keep.
             if not (0.0 < limits[name] <= hardware):

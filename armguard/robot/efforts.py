@@ -8,7 +8,7 @@ whoever takes them leaves a margin and says where they are from.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,17 @@ def draw_configuration(model: Any, random: np.random.Generator) -> FloatArray:
     )
 
 
+def _sample_motions(
+    model: Any, samples: int, speeds: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Random configurations, and in each the torques of gravity and Coriolis forces. (nv,) each."""
+    data, random = model.createData(), np.random.default_rng(0)
+    for _ in range(samples):
+        q = draw_configuration(model, random)
+        v = random.choice([-1.0, 1.0], model.nv) * speeds
+        yield q, pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
+
+
 def compute_accelerations(model: Any, samples: int) -> FloatArray:
     """Largest acceleration of each joint when all motors push as hard as they can.
 
@@ -48,16 +59,11 @@ def compute_accelerations(model: Any, samples: int) -> FloatArray:
     Returns:
         In [rad/s²] or [m/s²]; not finite where links have no mass. Shape (nv,).
     """
-    data = model.createData()
-    random = np.random.default_rng(0)
-    largest = np.zeros(model.nv)
+    data, largest = model.createData(), np.zeros(model.nv)
     with np.errstate(all="ignore"):
-        for _ in range(samples):
-            q = draw_configuration(model, random)
-            v = random.choice([-1.0, 1.0], model.nv) * model.velocityLimit
+        for q, bias in _sample_motions(model, samples, model.velocityLimit):
             inverse = pinocchio.computeMinverse(model, data, q)
             inverse = np.triu(inverse) + np.triu(inverse, 1).T
-            bias = pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
             pushed = np.abs(inverse) @ model.effortLimit + np.abs(inverse @ bias)
             np.maximum(largest, pushed, out=largest)
     return largest
@@ -99,20 +105,15 @@ def compute_supported_shares(
         if joint not in list(model.parents):
             inertia = pinocchio.Inertia(load, np.zeros(3), np.zeros((3, 3)))
             model.appendBodyToJoint(joint, inertia, placement)
-    data = model.createData()
-    random = np.random.default_rng(0)
-    shares = np.full(model.nv, np.inf)
+    data, shares = model.createData(), np.full(model.nv, np.inf)
     at_rest = np.array([joint in balanced for joint in list(model.names)[1:]])
     with np.errstate(all="ignore"):
-        for _ in range(samples):
-            q = draw_configuration(model, random)
-            v = random.choice([-1.0, 1.0], model.nv) * speeds
+        for q, bias in _sample_motions(model, samples, speeds):
             mass = np.abs(pinocchio.crba(model, data, q, pinocchio.Convention.LOCAL))
             mass = np.triu(mass) + np.triu(mass, 1).T
-            bias = pinocchio.rnea(model, data, q, v, np.zeros(model.nv))
             gravity = pinocchio.computeGeneralizedGravity(model, data, q)
-            bias = np.abs(bias - np.where(at_rest, gravity, 0.0))
-            np.minimum(shares, (model.effortLimit - bias) / (mass @ shape), out=shares)
+            left = model.effortLimit - np.abs(bias - np.where(at_rest, gravity, 0.0))
+            np.minimum(shares, left / (mass @ shape), out=shares)
     return shares
 
 

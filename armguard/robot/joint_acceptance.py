@@ -16,13 +16,13 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_history import (
+    PASSED,
     JointHistory,
     begin_history,
     extend_history,
     find_failure,
-    passes_history,
 )
-from armguard.robot.stop_time import ALL_COVERED, compute_stop_time, find_uncovered
+from armguard.robot.stop_time import ALL_COVERED, compute_stop_time
 from armguard.robot.wrap_angle import nearest_turn
 
 NO_JOINT = -1
@@ -144,9 +144,8 @@ def accept(
     ticks = 0.0
     if stamp == guard.heard[0] and not now > guard.standing[LAST_NOW]:
         ticks = guard.standing[TICKS] + 1.0
-    # Decide: the usual state passes one test; what does not is searched for its first fault.
-    if not _is_fine(guard, stamp, now, is_first, ticks):
-        code, joint = _find_fault(guard, stamp, now, is_first, ticks)
+    code, joint = _find_fault(guard, stamp, now, is_first, ticks)
+    if code != PASSED:
         if code == GAP:
             guard.heard[0] = stamp
             guard.standing[FIRST_NOW], guard.standing[LAST_NOW] = now, now
@@ -168,14 +167,11 @@ def accept(
         guard.q[j], guard.v[j] = q[j], v[j]
         if not abs(v[j]) <= guard.operating_velocity[j]:
             found |= FAST
-    runaway = find_runaway(
-        q, v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
-    )
-    if runaway != NO_JOINT:
+    if find_runaway(guard, q, v) != NO_JOINT:
         found |= RUNAWAY
-    if find_unbraked(guard, v, now - stamp) != ALL_COVERED:
+    stop_time, late_stop_time, unbraked = stop_times(guard, v, now - stamp)
+    if unbraked != ALL_COVERED:
         found |= UNBRAKED
-    stop_time, late_stop_time = stop_times(guard, v, now - stamp)
     return found, NO_JOINT, stop_time, late_stop_time
 
 
@@ -193,26 +189,13 @@ def _stands_for(guard: Guard, stamp: float, now: float, ticks: float) -> float:
 
 
 @kernel
-def _is_fine(guard: Guard, stamp: float, now: float, is_first: bool, ticks: float) -> bool:
-    """Whether there is nothing against the state at hand: the usual case, free of branches."""
-    q, v = guard.read_q, guard.read_v
-    fine = bool(abs(now - stamp) <= guard.timeout)
-    for j in range(q.shape[0]):
-        fine &= (guard.lower[j] <= q[j]) & (q[j] <= guard.upper[j]) & (abs(q[j]) < np.inf)
-        fine &= (abs(v[j]) <= guard.fastest[j]) & (abs(v[j]) < np.inf)
-    if fine and not is_first:
-        since = stamp - guard.heard[0]
-        fine &= (since >= 0.0) & (since <= guard.timeout)
-        fine &= _stands_for(guard, stamp, now, ticks) <= guard.timeout
-        fine &= passes_history(guard.history, stamp, q, v)
-    return fine
-
-
-@kernel
 def _find_fault(
     guard: Guard, stamp: float, now: float, is_first: bool, ticks: float
 ) -> tuple[int, int]:
-    """What is wrong with the state at hand: code and joint; its numbers are written as well."""
+    """What is wrong with the state at hand: code and joint; its numbers are written as well.
+
+    PASSED where nothing is.
+    """
     q, v, numbers = guard.read_q, guard.read_v, guard.numbers
     numbers[:] = 0.0
     for j in range(q.shape[0]):
@@ -231,7 +214,7 @@ def _find_fault(
         numbers[VALUE], numbers[ALLOWED] = v[j], guard.fastest[j]
         if not abs(v[j]) <= guard.fastest[j]:
             return VELOCITY_BEYOND_LIMITS, j
-    since = stamp - guard.heard[0]
+    since = 0.0 if is_first else stamp - guard.heard[0]
     numbers[ALLOWED], numbers[DURATION] = guard.timeout, since
     if not since >= 0.0:
         return STAMP_BACKWARDS, NO_JOINT
@@ -239,52 +222,39 @@ def _find_fault(
     if not abs(now - stamp) <= guard.timeout:
         return TOO_OLD, NO_JOINT
     numbers[VALUE] = since
-    if not since <= guard.timeout and not is_first:
+    if not since <= guard.timeout:
         return GAP, NO_JOINT
     numbers[VALUE] = _stands_for(guard, stamp, now, ticks)
     numbers[DURATION] = ticks
     if not numbers[VALUE] <= guard.timeout:
         return STAMP_STANDS, NO_JOINT
+    if is_first:
+        return PASSED, NO_JOINT
     code, joint = find_failure(guard.history, stamp, q, v, numbers)
     return code, joint
 
 
 @kernel
-def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float]:
+def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float, int]:
     """Times in which all joints surely rest, in [s]: braking as soon as told, and after the delay.
 
     Args:
         guard: Limits and delays.
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
         age: Of these, in [s].
+
+    Returns:
+        Both times, and the first joint that may be too fast for its brakes when they bite as soon
+        as told; `ALL_COVERED` if none may.
     """
-    late = guard.horizon + guard.delay[0]
-    return _stop_time(guard, v, age, guard.horizon), _stop_time(guard, v, age, late)
+    soon, uncovered = _stop_time(guard, v, age, guard.horizon)
+    late, _ = _stop_time(guard, v, age, guard.horizon + guard.delay[0])
+    return soon, late, uncovered
 
 
 @kernel
-def find_unbraked(guard: Guard, v: FloatArray, age: float) -> int:
-    """First joint that may be too fast for its brakes when they bite; ALL_COVERED if none may.
-
-    Arguments are those of `stop_times`.
-    """
-    joint: int = find_uncovered(
-        v,
-        guard.velocity_error,
-        guard.operating_velocity,
-        guard.acceleration_limit,
-        guard.brakes,
-        age,
-        guard.horizon,
-        guard.reaction_time,
-        guard.operating_acceleration,
-    )
-    return joint
-
-
-@kernel
-def _stop_time(guard: Guard, v: FloatArray, age: float, horizon: float) -> float:
-    stop_time: float = compute_stop_time(
+def _stop_time(guard: Guard, v: FloatArray, age: float, horizon: float) -> tuple[float, int]:
+    time, uncovered = compute_stop_time(
         v,
         guard.velocity_error,
         guard.operating_velocity,
@@ -295,7 +265,7 @@ def _stop_time(guard: Guard, v: FloatArray, age: float, horizon: float) -> float
         guard.reaction_time,
         guard.operating_acceleration,
     )
-    return stop_time
+    return time, uncovered
 
 
 @kernel
@@ -308,33 +278,23 @@ def accept_at(
 
 
 @kernel
-def find_runaway(
-    q: FloatArray,
-    v: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    velocity_error: FloatArray,
-    acceleration_limit: FloatArray,
-) -> int:
+def find_runaway(guard: Guard, q: FloatArray, v: FloatArray) -> int:
     """First joint that no allowed deceleration stops short of its limit, errors included.
 
     (|v| + dv)^2 <= 2 a (distance + dq) towards either limit is what can be stopped.
 
     Args:
+        guard: Its limits and errors count.
         q: Joint positions, [rad] or [m]. Shape (nv,).
         v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-        lower: Lower position limits less their errors, [rad] or [m]. Shape (nv,).
-        upper: Upper position limits plus their errors, [rad] or [m]. Shape (nv,).
-        velocity_error: What velocities may be off by, [rad/s] or [m/s]. Shape (nv,).
-        acceleration_limit: [rad/s²] or [m/s²]. Shape (nv,).
     """
     for joint in range(q.shape[0]):
-        up = max(v[joint] + velocity_error[joint], 0.0)
-        down = max(velocity_error[joint] - v[joint], 0.0)
-        reach = 2.0 * acceleration_limit[joint]
+        up = max(v[joint] + guard.velocity_error[joint], 0.0)
+        down = max(guard.velocity_error[joint] - v[joint], 0.0)
+        reach = 2.0 * guard.acceleration_limit[joint]
         if not (
-            up * up <= reach * (upper[joint] - q[joint])
-            and down * down <= reach * (q[joint] - lower[joint])
+            up * up <= reach * (guard.upper[joint] - q[joint])
+            and down * down <= reach * (q[joint] - guard.lower[joint])
         ):
             return joint
     return NO_JOINT

@@ -92,55 +92,6 @@ def make_history(
 
 
 @kernel
-def _is_no_faster(limits: FloatArray, joint: int, q: float, v: float) -> bool:
-    """Whether a state is finite, and its velocity within limit and error."""
-    top_speed, velocity_error = limits[0, joint], limits[3, joint]
-    fast = abs(v) <= (top_speed + velocity_error) * (1.0 + ACCEPTANCE_SLACK)
-    return fast & (abs(q) < math.inf) & (abs(v) < math.inf)
-
-
-@kernel
-def _is_in_reach(
-    limits: FloatArray,
-    reachable: FloatArray,
-    v0: float,
-    joint: int,
-    duration: float,
-    q: float,
-    v: float,
-) -> bool:
-    """Whether a position is one that all states so far let the joint get to, by its speed limit."""
-    top_speed, position_error = limits[0, joint], limits[2, joint]
-    # Within the measurement's error a joint that reads faster than its limit is believed.
-    speed = max(top_speed, max(abs(v), abs(v0)))
-    moved = speed * duration + position_error + ACCEPTANCE_SLACK * (abs(q) + position_error)
-    return (reachable[1, joint] - moved <= q) & (q <= reachable[0, joint] + moved)
-
-
-@kernel
-def _is_no_change_too_fast(
-    limits: FloatArray, reachable: FloatArray, joint: int, duration: float, v: float
-) -> bool:
-    """Whether a velocity is one that all states so far let the joint get to."""
-    accel, velocity_error = limits[1, joint], limits[3, joint]
-    changed = accel * duration + velocity_error + ACCEPTANCE_SLACK * (abs(v) + velocity_error)
-    return (reachable[3, joint] - changed <= v) & (v <= reachable[2, joint] + changed)
-
-
-@kernel
-def _is_near_course(
-    limits: FloatArray, q0: float, v0: float, joint: int, since: float, clock_slack: float, q: float
-) -> bool:
-    """Whether a position is near enough to where an earlier state was headed, `since` [s] ago."""
-    accel, position_error, velocity_error = limits[1, joint], limits[2, joint], limits[3, joint]
-    duration = since + clock_slack
-    bound = 2.0 * position_error + (0.5 * accel * duration + velocity_error) * duration
-    slack = ACCEPTANCE_SLACK * (abs(q) + abs(q0) + abs(v0) * duration + bound)
-    bound += slack + clock_slack * abs(v0)
-    return abs(q - q0 - v0 * since) <= bound
-
-
-@kernel
 def _find_joint_failure(
     history: JointHistory, stamp: float, joint: int, q: float, v: float, numbers: FloatArray
 ) -> int:
@@ -152,30 +103,34 @@ def _find_joint_failure(
     clock_slack = ACCEPTANCE_SLACK * (abs(stamp) + abs(history.stamps[0]))
     duration = stamp - history.stamps[0] + clock_slack
     numbers[2] = stamp - history.stamps[0]
-    if not _is_no_faster(limits, joint, q, v):
-        numbers[0], numbers[1] = abs(v), top_speed + velocity_error
+    # A velocity within limit and error, and a state that is finite.
+    numbers[0], numbers[1] = abs(v), top_speed + velocity_error
+    if not (abs(v) <= numbers[1] * (1.0 + ACCEPTANCE_SLACK) and abs(v) + abs(q) < math.inf):
         return VELOCITY_BY_SPEED
     # What is told is seen from the last state; what it is held against comes from all of them.
-    if not _is_in_reach(limits, reachable, v0, joint, duration, q, v):
-        moved = max(top_speed, abs(v), abs(v0)) * duration + position_error
-        numbers[0] = abs(q - q0)
-        numbers[1] = (
-            reachable[0, joint] + moved - q0 if q > q0 else q0 - reachable[1, joint] + moved
-        )
+    # Within the measurement's error a joint that reads faster than its limit is believed.
+    moved = max(top_speed, max(abs(v), abs(v0))) * duration + position_error
+    slack = ACCEPTANCE_SLACK * (abs(q) + position_error)
+    highest, lowest = reachable[0, joint] + moved, reachable[1, joint] - moved
+    numbers[0], numbers[1] = abs(q - q0), highest - q0 if q > q0 else q0 - lowest
+    if not lowest - slack <= q <= highest + slack:
         return POSITION_BY_SPEED
-    if not _is_no_change_too_fast(limits, reachable, joint, duration, v):
-        changed = accel * duration + velocity_error
-        numbers[0] = abs(v - v0)
-        numbers[1] = (
-            reachable[2, joint] + changed - v0 if v > v0 else v0 - reachable[3, joint] + changed
-        )
+    changed = accel * duration + velocity_error
+    slack = ACCEPTANCE_SLACK * (abs(v) + velocity_error)
+    highest, lowest = reachable[2, joint] + changed, reachable[3, joint] - changed
+    numbers[0], numbers[1] = abs(v - v0), highest - v0 if v > v0 else v0 - lowest
+    if not lowest - slack <= v <= highest + slack:
         return VELOCITY_BY_ACCEL
+    # Near enough to where each reference state was headed.
     for k in range(history.stamps.shape[0]):
         q0, v0 = history.positions[k, joint], history.velocities[k, joint]
         since = stamp - history.stamps[k]
-        if not _is_near_course(limits, q0, v0, joint, since, clock_slack, q):
-            numbers[0], numbers[2] = abs(q - q0 - v0 * since), since
-            numbers[1] = 2.0 * position_error + (0.5 * accel * since + velocity_error) * since
+        numbers[0], numbers[2] = abs(q - q0 - v0 * since), since
+        numbers[1] = 2.0 * position_error + (0.5 * accel * since + velocity_error) * since
+        late = since + clock_slack
+        bound = 2.0 * position_error + (0.5 * accel * late + velocity_error) * late
+        bound += ACCEPTANCE_SLACK * (abs(q) + abs(q0) + abs(v0) * late + bound)
+        if not numbers[0] <= bound + clock_slack * abs(v0):
             return POSITION_BY_ACCEL
     return PASSED
 
@@ -184,13 +139,13 @@ def _find_joint_failure(
 def find_failure(
     history: JointHistory, stamp: float, q: FloatArray, v: FloatArray, numbers: FloatArray
 ) -> tuple[int, int]:
-    """Code of the first test that a state fails, and the joint.
+    """Code of the first test that a state fails, and the joint; PASSED and -1 where it fails none.
 
     Args:
         history: As `begin_history` or `extend_history` left it.
         stamp: Of the state, in [s].
-        q: Its positions, in [rad] or [m]; finite. Shape (nv,).
-        v: Its velocities, in [rad]/[s] or [m]/[s]; finite. Shape (nv,).
+        q: Its positions, in [rad] or [m]. Shape (nv,).
+        v: Its velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         numbers: Filled with what was found, the most that is allowed, errors included, and the time
             between the two states compared, in [s]. Shape (3,).
     """
@@ -198,38 +153,7 @@ def find_failure(
         code = _find_joint_failure(history, stamp, joint, q[joint], v[joint], numbers)
         if code != PASSED:
             return code, joint
-    # Asked only where `passes_history` says no. Both are the same arithmetic; should they ever
-    # differ, the state is not believed.
-    return POSITION_BY_ACCEL, 0
-
-
-@kernel
-def passes_history(history: JointHistory, stamp: float, q: FloatArray, v: FloatArray) -> bool:
-    """Whether no joint fails any test: the same ones, but free of branches, several at a time.
-
-    Args:
-        history: As `begin_history` or `extend_history` left it.
-        stamp: Of the state, in [s].
-        q: Its positions, in [rad] or [m]. Shape (nv,).
-        v: Its velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-    """
-    limits, reachable = history.limits, history.reachable
-    if not stamp >= history.stamps[0]:
-        return False
-    clock_slack = ACCEPTANCE_SLACK * (abs(stamp) + abs(history.stamps[0]))
-    duration = stamp - history.stamps[0] + clock_slack
-    passed = True
-    for joint in range(q.shape[0]):
-        v0 = history.velocities[0, joint]
-        passed &= _is_no_faster(limits, joint, q[joint], v[joint])
-        passed &= _is_in_reach(limits, reachable, v0, joint, duration, q[joint], v[joint])
-        passed &= _is_no_change_too_fast(limits, reachable, joint, duration, v[joint])
-    for k in range(history.stamps.shape[0]):
-        since = stamp - history.stamps[k]
-        for joint in range(q.shape[0]):
-            q0, v0 = history.positions[k, joint], history.velocities[k, joint]
-            passed &= _is_near_course(limits, q0, v0, joint, since, clock_slack, q[joint])
-    return passed
+    return PASSED, -1
 
 
 @kernel

@@ -18,7 +18,6 @@ from armguard.robot.joint_acceptance import (
     Guard,
     accept_at,
     find_runaway,
-    find_unbraked,
     stop_times,
 )
 from armguard.robot.joint_history import make_history
@@ -111,8 +110,8 @@ class JointStates:
         Args:
             age: Of that state, in [s].
         """
-        times: tuple[float, float] = stop_times(self._handle, self.v, age)
-        return times
+        soon, late, _ = stop_times(self._handle, self.v, age)
+        return soon, late
 
     def find_unbraked(self, age: float) -> int:
         """First joint that may be faster at the bite than its brakes are stated for, or -1.
@@ -120,7 +119,7 @@ class JointStates:
         Args:
             age: Of the state believed last, in [s].
         """
-        joint: int = find_unbraked(self._handle, self.v, age)
+        joint: int = stop_times(self._handle, self.v, age)[2]
         return joint
 
     def is_plain(self, q: object, v: object) -> bool:
@@ -153,10 +152,7 @@ class JointStates:
 
     def find_runaway(self) -> int:
         """First joint that cannot be kept from running into its stop; NO_JOINT if all can."""
-        guard = self.guard
-        joint: int = find_runaway(
-            self.q, self.v, guard.lower, guard.upper, guard.velocity_error, guard.acceleration_limit
-        )
+        joint: int = find_runaway(self._handle, self.q, self.v)
         return joint
 
     def _compile(self) -> None:
@@ -169,4 +165,3 @@ class JointStates:
         compute_stop_time(self.v, *limits, guard.brakes, *times, operating)
         # Limits may change after a state was accepted.
         self.stop_times(0.0)
-        self.find_unbraked(0.0)

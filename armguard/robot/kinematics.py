@@ -18,6 +18,7 @@ import pinocchio
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
+from armguard.robot.links import is_rotation
 from armguard.robot.robot import Robot
 
 PLACEMENT_STRIDE = 96
@@ -205,8 +206,7 @@ def _place_model(model: Any, base_placement: pinocchio.SE3 | None) -> Any:
     if base_placement is None:
         return placed
     rotation, translation = base_placement.rotation, base_placement.translation
-    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if not (error <= 1e-9 and np.linalg.det(rotation) > 0.0 and np.isfinite(translation).all()):
+    if not (is_rotation(rotation) and np.isfinite(translation).all()):
         raise ArmguardError(
             "base placement",
             f"not a rigid motion: rotation {rotation.tolist()}, translation {translation.tolist()}",

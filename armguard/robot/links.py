@@ -12,7 +12,7 @@ frames of their own, and nothing is locked or swept.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,40 +57,20 @@ def collect_surfaces(
     Raises:
         RobotError: A link has geometry without triangles, or flat geometry on a travelling joint.
     """
-    parts: dict[str, list[FloatArray]] = {}
-    patches: dict[str, list[FloatArray]] = {}
-    carriers: dict[str, str] = {}
-    travelling: set[str] = set()
-    for geometry in urdf.collision_model.geometryObjects:
-        link = str(urdf.model.frames[geometry.parentFrame].name)
-        motion, triangles = geometry.placement, triangulate(f"link {link!r}", geometry.geometry)
-        pieces = make_patches(geometry.geometry, triangles)
-        pieces = place_patches(motion.rotation, motion.translation, pieces)
-        triangles = place(motion, triangles)
-        number = geometry.parentJoint
-        while number and str(urdf.model.names[number]) not in watched:
-            entry = description.locked.get(str(urdf.model.names[number]))
-            if entry is not None and entry.travel is not None:
-                span = entry.travel[1] - entry.travel[0]
-                triangles = _sweep(urdf.model.joints[number], span, f"link {link!r}", triangles)
-                travelling.add(link)
-            motion = _carry(urdf.model, number, get_rest_position(entry))
-            triangles = place(motion, triangles)
-            pieces = place_patches(motion.rotation, motion.translation, pieces)
-            number = urdf.model.parents[number]
-        if number:
-            parts.setdefault(link, []).append(triangles)
-            patches.setdefault(link, []).append(pieces)
-            carriers[link] = str(urdf.model.names[number])
+    parts: dict[str, list[_Part]] = {}
+    for part in _carry_parts(urdf, watched, description):
+        if part.joint:
+            parts.setdefault(part.link, []).append(part)
     surfaces = {}
-    for link, joint in carriers.items():
-        triangles, pieces = np.concatenate(parts[link]), np.concatenate(patches[link])
-        if link in travelling:
+    for link, found in parts.items():
+        triangles = np.concatenate([part.triangles for part in found])
+        pieces = np.concatenate([part.pieces for part in found])
+        if any(part.is_swept for part in found):
             triangles = hull_triangles(f"link {link!r}", triangles.reshape(-1, 3))
             pieces = swell_nothing(triangles)
         pieces = drop_nothing(pieces)
         triangles.flags.writeable = pieces.flags.writeable = False
-        surfaces[link] = LinkSurface(joint, triangles, pieces)
+        surfaces[link] = LinkSurface(found[-1].joint, triangles, pieces)
     return surfaces
 
 
@@ -111,28 +91,53 @@ def collect_fixed_points(
         By link, of those with collision geometry. Shapes (n, 3).
     """
     parts: dict[str, list[FloatArray]] = {}
-    for geometry in urdf.collision_model.geometryObjects:
-        number = geometry.parentJoint
-        between = []
-        while number:
-            between.append(str(urdf.model.names[number]))
-            number = urdf.model.parents[number]
-        if any(joint in watched or joint not in description.locked for joint in between):
-            continue
-        link = str(urdf.model.frames[geometry.parentFrame].name)
-        triangles = triangulate(f"link {link!r}", geometry.geometry)
-        triangles = place(geometry.placement, triangles)
-        for joint in between:
-            number, entry = urdf.model.getJointId(joint), description.locked[joint]
-            if entry.travel is not None:
-                span = entry.travel[1] - entry.travel[0]
-                triangles = _sweep(urdf.model.joints[number], span, f"link {link!r}", triangles)
-            triangles = place(_carry(urdf.model, number, get_rest_position(entry)), triangles)
-        parts.setdefault(link, []).append(triangles.reshape(-1, 3))
+    for part in _carry_parts(urdf, watched, description):
+        if not part.joint and part.is_known:
+            parts.setdefault(part.link, []).append(part.triangles.reshape(-1, 3))
     points = {link: np.unique(np.concatenate(found), axis=0) for link, found in parts.items()}
     for corners in points.values():
         corners.flags.writeable = False
     return points
+
+
+class _Part(NamedTuple):
+    """One collision geometry of a link, in the frame of what carries it."""
+
+    link: str
+    joint: str
+    """The watched joint that carries it; empty: the base."""
+    triangles: FloatArray
+    pieces: FloatArray
+    is_swept: bool
+    """Whether the triangles are all that it reaches in the travel of a joint."""
+    is_known: bool
+    """Whether each joint between it and what carries it is locked by name."""
+
+
+def _carry_parts(
+    urdf: UrdfModel, watched: Collection[str], description: RobotDescription
+) -> Iterator[_Part]:
+    model = urdf.model
+    for geometry in urdf.collision_model.geometryObjects:
+        link = str(model.frames[geometry.parentFrame].name)
+        motion, triangles = geometry.placement, triangulate(f"link {link!r}", geometry.geometry)
+        pieces = make_patches(geometry.geometry, triangles)
+        number, is_swept, is_known = geometry.parentJoint, False, True
+        while True:
+            triangles = place(motion, triangles)
+            pieces = place_patches(motion.rotation, motion.translation, pieces)
+            joint = str(model.names[number]) if number else ""
+            if not joint or joint in watched:
+                break
+            entry = description.locked.get(joint)
+            is_known &= entry is not None
+            if entry is not None and entry.travel is not None:
+                span = entry.travel[1] - entry.travel[0]
+                triangles = _sweep(model.joints[number], span, f"link {link!r}", triangles)
+                is_swept = True
+            motion = _carry(model, number, get_rest_position(entry))
+            number = model.parents[number]
+        yield _Part(link, joint, triangles, pieces, is_swept, is_known)
 
 
 def get_rest_position(entry: LockedJoint | None) -> float:
@@ -146,6 +151,13 @@ def place(placement: Any, triangles: FloatArray) -> FloatArray:
     """Triangles of one frame in another. Shape (n, 3, 3), in [m]."""
     moved: FloatArray = triangles @ placement.rotation.T + placement.translation
     return moved
+
+
+def is_rotation(matrix: FloatArray) -> bool:
+    """Whether a matrix (3, 3) is orthonormal and right-handed, within rounding."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    return bool(deviation <= 1e-9 and np.linalg.det(matrix) > 0.0)
 
 
 def _carry(model: Any, number: int, position: float) -> Any:

@@ -191,19 +191,16 @@ class LimitsInForce:
             self._brakes.fill_curves(self.brakes, self.payload)
             self.velocity[:], self.acceleration[:] = velocity, acceleration
 
-    def suspend(self) -> None:
-        """Put the hardware's limits in force."""
-        self._put(*self._hardware, is_suspended=True)
+    def suspend(self, suspended: bool = True) -> None:
+        """Put the hardware's limits in force, or the operating limits again."""
+        operating = self.operating_velocity, self.operating_acceleration
+        self.velocity[:], self.acceleration[:] = self._hardware if suspended else operating
+        self.is_suspended = suspended
+        self.revision += 1
 
     def resume(self) -> None:
         """Put the operating limits in force again."""
-        self._put(self.operating_velocity, self.operating_acceleration, is_suspended=False)
-
-    def _put(self, velocity: FloatArray, acceleration: FloatArray, *, is_suspended: bool) -> None:
-        self.velocity[:] = velocity
-        self.acceleration[:] = acceleration
-        self.is_suspended = is_suspended
-        self.revision += 1
+        self.suspend(False)
 
 
 def put_in_force(robot: Robot, operating: OperatingLimits | LimitsInForce | None) -> LimitsInForce:
@@ -243,13 +240,12 @@ def _read(name: str, values: ArrayLike | None) -> FloatArray | None:
         return None
     try:
         array = np.asarray(values)
-        usable = array.dtype.kind in "fiu" and array.ndim <= 1 and array.size > 0
-        numbers = np.array(array, dtype=np.float64) if usable else np.array(np.nan)
-    except Exception:
-        # Whatever a foreign object raises here, it is no array.
-        usable, numbers = False, np.array(np.nan)
-    if not usable or isinstance(values, np.ma.MaskedArray):
+    except Exception:  # whatever a foreign object raises here, it is no array
+        array = np.array([])
+    is_numeric = array.dtype.kind in "fiu" and not isinstance(values, np.ma.MaskedArray)
+    if not (is_numeric and array.ndim <= 1 and array.size):
         raise ArmguardError(name, f"is {values!r}", expected="one number, or one for each joint")
+    numbers = np.array(array, dtype=np.float64)
     if not ((numbers > 0.0) & (numbers < np.inf)).all():
         raise ArmguardError(name, f"is {values!r}", expected="finite numbers above 0")
     numbers.flags.writeable = False
@@ -259,15 +255,14 @@ def _read(name: str, values: ArrayLike | None) -> FloatArray | None:
 def _fit(
     name: str, values: FloatArray | None, hardware: FloatArray, joints: Sequence[str]
 ) -> FloatArray:
-    limits = np.array(hardware, dtype=np.float64)
     if values is None:
-        return limits
-    if values.ndim and values.shape != limits.shape:
+        return np.array(hardware, dtype=np.float64)
+    if values.ndim and values.shape != hardware.shape:
         raise ArmguardError(
             name, f"has {len(values)} values", expected=f"one number, or {len(joints)} of them"
         )
-    fitted = np.broadcast_to(values, limits.shape).copy()
-    for joint, value, limit in zip(joints, fitted, limits, strict=True):
+    fitted = np.broadcast_to(values, hardware.shape).copy()
+    for joint, value, limit in zip(joints, fitted, hardware, strict=True):
         if not 0.0 < value <= limit:
             raise ArmguardError(
                 f"{name} of joint {joint!r}",

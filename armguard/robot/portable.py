@@ -8,8 +8,9 @@ anew from the data. Numbers that JSON has no word for stand as "Infinity", "-Inf
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -86,12 +87,8 @@ class RestoredRobot(Robot):
     """
 
     def __init__(self, data: Mapping[str, Any]) -> None:
-        try:
+        with _refusing("cannot be made from its data"):
             self._restore(data)
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise RobotError(
-                "robot", f"cannot be made from its data ({type(error).__name__}: {error})"
-            ) from None
 
     def _restore(self, data: Mapping[str, Any]) -> None:
         self.name = str(data["name"])
@@ -133,7 +130,7 @@ class RestoredRobot(Robot):
         trees: dict[str, CoverTree] = {}
         digests: dict[str, str] = {}
         hulls = dict(self._hulls)
-        try:
+        with _refusing("its links cannot be made from their data"):
             for entry in data["links"]:
                 name = str(entry["name"])
                 if "joint" not in entry:
@@ -153,10 +150,6 @@ class RestoredRobot(Robot):
                 )
                 digests[name] = str(tree["geometry"])
             revision = int(data["revision"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise RobotError(
-                "robot", f"its links cannot be made from their data ({error})"
-            ) from None
         self._hulls = {name: hulls[name] for name in links if name in hulls}
         self.cover = Cover(trees, digests)
         self._bodies = _Bodies(links, revision)
@@ -166,6 +159,15 @@ class RestoredRobot(Robot):
         self._check_link(link)
         # A body that was attached since has a surface of its own.
         return self._hulls[link] if link in self._hulls else super().hull(link)
+
+
+@contextlib.contextmanager
+def _refusing(problem: str) -> Iterator[None]:
+    """Make an error of data that are malformed."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise RobotError("robot", f"{problem} ({type(error).__name__}: {error})") from None
 
 
 def write_number(value: float) -> float | str:

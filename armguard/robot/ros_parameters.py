@@ -50,6 +50,7 @@ def read_planning_limits(path: Path) -> PlanningLimits:
             str(path), f"has no {LIMITS_KEY}", expected="a joint_limits.yaml as MoveIt has it"
         )
     limits: dict[str, dict[str, float]] = {"velocity": {}, "acceleration": {}}
+    read = {key for kind in limits for key in (f"has_{kind}_limits", f"max_{kind}")}
     unused = []
     for joint, entry in table.items():
         where = f"{path}: joint {joint}"
@@ -59,15 +60,10 @@ def read_planning_limits(path: Path) -> PlanningLimits:
             has, value = entry.get(f"has_{kind}_limits"), entry.get(f"max_{kind}")
             if not isinstance(has, bool | None):
                 raise RobotError(where, f"has_{kind}_limits is {has!r}", expected="true or false")
-            if has is False or (has is None and value is None):
-                continue
-            found[str(joint)] = _read_positive(where, f"max_{kind}", value)
-        read = {f"{start}_{kind}{end}" for kind in limits for start, end in _ENDS}
-        unused += [
-            f"{joint}.{key}"
-            for key in map(str, entry)
-            if key not in read and not key.startswith("has_")
-        ]
+            if has or (has is None and value is not None):
+                found[str(joint)] = _read_positive(where, f"max_{kind}", value)
+        others = [key for key in map(str, entry) if key not in read]
+        unused += [f"{joint}.{key}" for key in others if not key.startswith("has_")]
     unused += [key for key in SCALING_KEYS if _find(root, key) is not None]
     return PlanningLimits(
         joints=tuple(map(str, table)),
@@ -75,9 +71,6 @@ def read_planning_limits(path: Path) -> PlanningLimits:
         acceleration=limits["acceleration"],
         unused=tuple(unused),
     )
-
-
-_ENDS = (("has", "_limits"), ("max", ""))
 
 
 def read_robot_description(path: Path) -> str:

@@ -39,39 +39,6 @@ def speed_at_bite(
 
 
 @kernel
-def find_uncovered(
-    velocity: NDArray[np.float64],
-    velocity_error: NDArray[np.float64],
-    velocity_limit: NDArray[np.float64],
-    acceleration_limit: NDArray[np.float64],
-    brakes: BrakeCurves,
-    age: float,
-    horizon: float,
-    reaction_time: float,
-    operating_acceleration: NDArray[np.float64],
-) -> int:
-    """First joint that may be faster at the bite than its brakes are stated for, or ALL_COVERED.
-
-    Arguments are those of `compute_stop_time`.
-    """
-    after, before = max(age, 0.0) + horizon + reaction_time, -age
-    last = brakes.speed.shape[1] - 1
-    for i in range(velocity.shape[0]):
-        speed = speed_at_bite(
-            velocity[i],
-            velocity_error[i],
-            velocity_limit[i],
-            acceleration_limit[i],
-            operating_acceleration[i],
-            after,
-            before,
-        )
-        if not speed <= brakes.speed[i, last]:
-            return i
-    return ALL_COVERED
-
-
-@kernel
 def compute_stop_time(
     velocity: NDArray[np.float64],
     velocity_error: NDArray[np.float64],
@@ -82,8 +49,8 @@ def compute_stop_time(
     horizon: float,
     reaction_time: float,
     operating_acceleration: NDArray[np.float64],
-) -> float:
-    """Time in which every joint surely comes to rest, in [s] from now.
+) -> tuple[float, int]:
+    """Time in which every joint surely comes to rest, in [s] from now, and what is not covered.
 
     Until braking begins, a joint may speed up at its operating acceleration from its measured
     speed, but never beyond its velocity limit (or its measured speed, if that is larger within
@@ -96,14 +63,19 @@ def compute_stop_time(
         velocity_limit: Velocity limits, or operating ones, [rad/s] or [m/s]. Shape (nv,).
         acceleration_limit: Acceleration limits, [rad/s²] or [m/s²]. Shape (nv,).
         brakes: How joints stop; what is beyond their range counts as their last entry, and proves
-            nothing (`find_uncovered`).
+            nothing.
         age: How long ago the state was measured, in [s]; negative where it is yet to be.
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
         reaction_time: From command to braking torque, in [s].
         operating_acceleration: With which joints speed up, [rad/s²] or [m/s²]; their acceleration
             limits where nothing less is in force. Shape (nv,).
+
+    Returns:
+        The time, and the first joint that may be faster when its brakes bite than they are stated
+        for: `ALL_COVERED` where there is none.
     """
-    slowest = 0.0
+    slowest, uncovered = 0.0, ALL_COVERED
+    last = brakes.speed.shape[1] - 1
     # The longest times, either way, between the stamp and the moment when braking begins.
     after, before = max(age, 0.0) + horizon + reaction_time, -age
     for i in range(velocity.shape[0]):
@@ -117,4 +89,6 @@ def compute_stop_time(
             before,
         )
         slowest = max(slowest, rest_time(find_stop(brakes, i, speed), speed))
-    return horizon + reaction_time + slowest
+        if uncovered == ALL_COVERED and not speed <= brakes.speed[i, last]:
+            uncovered = i
+    return horizon + reaction_time + slowest, uncovered

@@ -7,6 +7,7 @@ right first, and afterwards every collision element and every axis is accounted 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import xml.etree.ElementTree as ElementTree
@@ -159,23 +160,29 @@ def _collide_as_drawn(root: ElementTree.Element, drawn: Collection[str]) -> None
     """Give links the geometry that they are drawn with as their collision geometry."""
     links = {link.get("name", ""): link for link in root.findall("link")}
     for name in drawn:
-        if name not in links:
-            raise RobotError(
-                f"link {name!r}", "is not in the URDF", expected=f"one of {', '.join(links)}"
-            )
-        link = links[name]
-        if link.find("collision") is not None:
-            raise RobotError(
-                f"link {name!r}",
-                "has collision geometry of its own",
-                remedy="leave it out of collision_from_visual",
-            )
-        visuals = link.findall("visual")
-        if not visuals:
-            raise RobotError(f"link {name!r}", "is not drawn", expected="a visual element")
+        link = links.get(name, ElementTree.Element("link"))
+        visuals, has_own = link.findall("visual"), link.find("collision") is not None
+        check_drawn(name, links, has_own=has_own, is_drawn=bool(visuals))
         for visual in visuals:
             collision = ElementTree.SubElement(link, "collision")
             collision.extend([part for part in visual if part.tag in ("origin", "geometry")])
+
+
+def check_drawn(name: str, links: Collection[str], *, has_own: bool, is_drawn: bool) -> None:
+    """Refuse a link of which no drawing can be taken as its collision geometry.
+
+    Raises:
+        RobotError: It is none of the links, has collision geometry of its own, or is not drawn.
+    """
+    if name in links and is_drawn and not has_own:
+        return
+    problem = "has collision geometry of its own" if has_own else "is not drawn"
+    raise RobotError(
+        f"link {name!r}",
+        problem if name in links else "is not in the model file",
+        expected="" if name in links else f"one of {', '.join(links)}",
+        remedy="leave it out of collision_from_visual",
+    )
 
 
 def _prepare_joints(
@@ -203,7 +210,10 @@ def _prepare_joints(
             limit = ElementTree.SubElement(joint, "limit")
         for key in ("effort", "velocity"):
             limit.set(key, limit.get(key, "0"))
-        _check_limit(name, limit)
+        for key in limit.attrib:
+            _read_number(
+                name, limit, key, least=0.0 if key in ("effort", "velocity") else -math.inf
+            )
         if joint.get("type") == "continuous":
             continuous.append(name)
             joint.set("type", "revolute")
@@ -214,40 +224,28 @@ def _prepare_joints(
 
 def _read_mimic(joint: str, mimic: ElementTree.Element) -> Mimic:
     """Read how a joint follows another; where nothing else is said, they move alike."""
-    found = {}
-    for key, default in (("multiplier", "1"), ("offset", "0")):
-        text = mimic.get(key, default)
-        found[key] = _read_number(text)
-        if not math.isfinite(found[key]):
-            raise RobotError(
-                f"joint {joint!r}",
-                f"has {key}={text!r} in its mimic element",
-                expected="a finite number",
-                remedy="correct the URDF",
-            )
+    found = {
+        key: _read_number(joint, mimic, key, default)
+        for key, default in (("multiplier", "1"), ("offset", "0"))
+    }
     return Mimic(mimic.get("joint", ""), **found)
 
 
-def _read_number(text: str) -> float:
-    """A number; NaN where it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
-
-
-def _check_limit(joint: str, limit: ElementTree.Element) -> None:
-    """Refuse by name what the reader of the format would only say it cannot read."""
-    for key, text in limit.attrib.items():
-        value = _read_number(text)
-        is_size = key in ("effort", "velocity")
-        if not (0.0 <= value < math.inf if is_size else math.isfinite(value)):
-            raise RobotError(
-                f"joint {joint!r}",
-                f"has {key}={text!r} in its limit element",
-                expected="a finite number, at least 0" if is_size else "a finite number",
-                remedy="correct the URDF",
-            )
+def _read_number(
+    joint: str, element: ElementTree.Element, key: str, default: str = "", least: float = -math.inf
+) -> float:
+    """A finite number; one that is none is refused by name, which the format's reader does not."""
+    text, value = element.get(key, default), math.nan
+    with contextlib.suppress(ValueError):
+        value = float(text)
+    if not (math.isfinite(value) and value >= least):
+        raise RobotError(
+            f"joint {joint!r}",
+            f"has {key}={text!r} in its {element.tag} element",
+            expected="a finite number" + (f", at least {least:g}" if least == 0.0 else ""),
+            remedy="correct the URDF",
+        )
+    return value
 
 
 def _check_collisions(

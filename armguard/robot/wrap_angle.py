@@ -72,12 +72,3 @@ def unwrap(
 def find_continuous(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which joints are continuous, by their position limits, inf where there are none. (nv,)."""
     return np.isinf(lower) & np.isinf(upper)
-
-
-@kernel
-def has_continuous(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> bool:
-    """Whether there is a continuous joint by position limits, (nv,), inf where there are none."""
-    count = 0
-    for j in range(lower.shape[0]):
-        count += math.isinf(lower[j]) and math.isinf(upper[j])
-    return count > 0

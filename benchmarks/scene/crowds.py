@@ -108,7 +108,7 @@ def _compute_stop_time(robot, v) -> float:
         1.0 / RATE + LATENCY,
         REACTION_TIME,
         robot.acceleration_limit,
-    )
+    )[0]
 
 
 class Crowd:

@@ -25,7 +25,7 @@ def test_joints_that_brake_anyhow_never_leave_their_table():
         end = compute_stop_time(
             joints.v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
             limits.brakes, age, horizon, 0.0, limits.operating_acceleration,
-        )  # fmt: skip
+        )[0]  # fmt: skip
         time = np.sort(random.uniform(0.0, 1.5 * end, 12))
         high, low = np.zeros((2, 12, count))
         highest, lowest = np.zeros((2, count))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from armguard.contact import (
-    earliest,
     earliest_contact,
     earliest_contact_hull,
     earliest_contact_pair,
@@ -55,15 +54,3 @@ def test_shapes_broadcast_and_scalars_stay_scalars():
     assert earliest_contact_pair(**ORDINARY | {"a1": np.ones(0)}).shape == (0,)
     assert earliest_contact(np.ones((0, 3)), np.ones(3), 0.1, np.ones((2, 1))).shape == (2, 0)
     assert earliest_contact(np.ones(3), np.zeros(3), np.array(0.1), np.float64(1.0)) > 0.0
-
-
-def test_nothing_is_compiled_anew_for_arguments_that_are_spread_out():
-    earliest_contact_pair(**ORDINARY)
-    earliest_contact([1.0, 0, 0], [0.0, 0, 0], 0.1, 1.0)
-    kernels = earliest._pair_loop, earliest._relative_loop
-    before = [len(kernel.overloads) for kernel in kernels]
-    for name in ("a1", "p2", "age2", "contact_distance"):
-        value = np.broadcast_to(ORDINARY.get(name, 0.0), (4, *np.shape(ORDINARY.get(name, 0.0))))
-        earliest_contact_pair(**ORDINARY | {name: value.copy()})
-    earliest_contact(np.ones((4, 3)), np.zeros(3), np.full(4, 0.1), 1.0)
-    assert [len(kernel.overloads) for kernel in kernels] == before

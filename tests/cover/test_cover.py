@@ -42,15 +42,6 @@ def cover_of(robot, *arguments):
     return Cover({"link": tree(*arguments)}, {"link": hash_surface(robot.triangles("link"))})
 
 
-def test_pandas_cover_is_proved(panda):
-    report = panda.cover.check(panda)
-    assert report.proved
-    assert tuple(report.links) == panda.links
-    assert 60 <= sum(link.count for link in report.links.values()) <= 130
-    for link in report.links.values():
-        assert 0.0 < link.mean_protrusion < link.max_protrusion < 0.0201
-
-
 @pytest.mark.parametrize("name", list_robots())
 def test_no_sample_is_outside_at_any_level(name):
     """ARMGUARD_COVER_SAMPLES=1000000 makes it a long run."""
@@ -64,48 +55,6 @@ def test_no_sample_is_outside_at_any_level(name):
             for level in range(robot.cover.levels(link)):
                 assert is_inside(points, robot.cover.spheres(link, level)).all()
             left, seed = left - len(points), seed + 1
-
-
-def test_descent_loses_no_geometry_wherever_it_stops(panda):
-    generator = np.random.default_rng(0)
-    for link in panda.links:
-        points = sample(panda.triangles(link), 1000)
-        whole = panda.cover.tree(link)
-        for _ in range(20):
-            front, stopped = [0], []
-            while front:
-                node = front.pop()
-                if whole.child_count[node] and generator.random() < 0.6:
-                    front.extend(whole.first_child[node] + np.arange(whole.child_count[node]))
-                else:
-                    stopped.append(node)
-            assert is_inside(points, whole.spheres[stopped]).all()
-
-
-def test_levels_go_from_one_ball_to_all_leaves(panda):
-    for link in panda.links:
-        whole, levels = panda.cover.tree(link), panda.cover.levels(link)
-        assert len(panda.cover.spheres(link, 0)) == 1
-        leaves = whole.spheres[whole.child_count == 0]
-        np.testing.assert_array_equal(panda.cover.spheres(link), leaves)
-        np.testing.assert_array_equal(panda.cover.spheres(link, levels - 1), leaves)
-        for wrong in (levels, -levels - 1):
-            with pytest.raises(CoverError, match=f"level {wrong}: is not one"):
-                panda.cover.spheres(link, wrong)
-    with pytest.raises(CoverError, match=r"'elbow': has no cover.*panda_link1"):
-        panda.cover.spheres("elbow")
-
-
-def test_a_smaller_sphere_fails_the_check(panda):
-    for name in panda.links:
-        robot, whole = OneLink(panda.triangles(name)), panda.cover.tree(name)
-        for change in (1e-3, 1e-4):
-            for index in range(len(whole.spheres)):
-                spheres = whole.spheres.copy()
-                spheres[index, 3] -= change
-                assert not is_contained(robot.triangles("link"), whole._replace(spheres=spheres))
-        changed = cover_of(robot, spheres, whole.first_child, whole.child_count)
-        assert not changed.check(robot).proved
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,7 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.cover import fitting
 from armguard.cover.fitting import cut_pieces, fit_tree
-from armguard.cover.patches import bisect_pieces
 from armguard.cover.signed_distance import compute_signed_distances
 from armguard.cover.sphere_tree import GRID, MARGIN
 from armguard.cover.triangulation import triangulate
@@ -16,25 +14,6 @@ def rod():
     return triangulate("rod", coal.Box(0.08, 0.06, 0.4))
 
 
-def test_bisection_keeps_the_triangle():
-    triangles = np.random.default_rng(0).normal(size=(50, 3, 3))
-    halves = bisect_pieces(triangles)
-    np.testing.assert_allclose(areas(halves[:50]) + areas(halves[50:]), areas(triangles))
-    normals, cut = (np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (triangles, halves))
-    np.testing.assert_allclose(cut[:50] + cut[50:], normals, atol=1e-12)
-    for _ in range(12):
-        halves = bisect_pieces(halves[:200])
-    edges = np.linalg.norm(halves - np.roll(halves, 1, axis=1), axis=2)
-    assert edges.max() < 0.2
-
-
-def test_pieces_are_short_and_lose_no_area(rod):
-    pieces = cut_pieces(rod)
-    assert areas(pieces).sum() == pytest.approx(areas(rod).sum(), rel=1e-12)
-    edges = np.linalg.norm(pieces - np.roll(pieces, 1, axis=1), axis=2)
-    assert edges.max() < 0.02
-
-
 def test_slender_triangles_are_not_cut_into_tens_of_thousands():
     prism = triangulate("prism", coal.Cylinder(0.05, 0.4))
     for count in (600, 2500):
@@ -44,13 +23,6 @@ def test_slender_triangles_are_not_cut_into_tens_of_thousands():
     assert len(cut_pieces(prism)) <= 10_000
     # What there is to begin with stays as it is.
     assert len(cut_pieces(prism, most=10)) == len(prism)
-
-
-def test_where_few_pieces_are_too_coarse_for_what_is_asked_there_are_more(rod, monkeypatch):
-    expected = fit_tree(rod, protrusion=0.1)
-    monkeypatch.setattr(fitting, "_MOST", 0)
-    for one, other in zip(fit_tree(rod, protrusion=0.1), expected, strict=True):
-        assert one.tobytes() == other.tobytes()
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 9])
@@ -70,26 +42,6 @@ def test_leaves_stick_out_no_more_than_asked(rod):
     assert (protrusions <= 0.03 + MARGIN + 2 * GRID).all()
     assert len(leaves) <= 8
     assert is_inside(sample(rod, 20_000), leaves).all()
-
-
-def test_the_root_is_the_smallest_ball(rod):
-    tree = fit_tree(rod, spheres=4)
-    np.testing.assert_allclose(tree.spheres[0, :3], 0.0, atol=GRID)
-    half_diagonal = np.linalg.norm([0.04, 0.03, 0.2])
-    assert half_diagonal <= tree.spheres[0, 3] <= half_diagonal + MARGIN + 3 * GRID
-
-
-def test_it_is_a_tree_with_two_to_four_children(rod):
-    tree = fit_tree(rod, spheres=9)
-    assert set(tree.child_count) <= {0, 2, 3, 4}
-    children = np.concatenate(
-        [
-            first + np.arange(count)
-            for first, count in zip(tree.first_child, tree.child_count, strict=True)
-            if count
-        ]
-    )
-    np.testing.assert_array_equal(children, np.arange(1, len(tree.spheres)))
 
 
 def test_the_same_input_gives_the_same_tree(rod):

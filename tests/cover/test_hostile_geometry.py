@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from armguard.cover import Cover
-from armguard.cover.cover import LARGEST, SMALLEST
 from armguard.cover.signed_distance import compute_signed_distances
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import CoverError
@@ -76,24 +75,3 @@ def test_implausible_sizes_are_refused_by_name(scale):
     link = OneLink(scale * BOX)
     with pytest.raises(CoverError, match=r"link 'link': is .* m across; expected .*scale"):
         Cover.fit(link)
-
-
-def test_sizes_at_the_bounds_are_taken():
-    for size in (SMALLEST, LARGEST):
-        triangle = np.array([[[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, 0.5 * size, 0.0]]])
-        assert Cover.fit(OneLink(triangle), spheres=1).check(OneLink(triangle)).proved
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("place", [(0, 0, 0), (7, 1, 2), (11, 2, 1)])
-def test_one_vertex_that_is_not_finite_is_refused(value, place):
-    triangles = BOX.copy()
-    triangles[place] = value
-    with pytest.raises(CoverError, match="link 'link': has a surface that is not finite"):
-        Cover.fit(OneLink(triangles))
-
-
-def test_a_surface_far_from_its_joint_is_refused():
-    for away in (150.0, 1e13):
-        with pytest.raises(CoverError, match=r"link 'link': reaches .* m from its joint"):
-            Cover.fit(OneLink(BOX + away))

@@ -2,7 +2,7 @@ import coal
 import numpy as np
 import pytest
 
-from armguard.cover.signed_distance import _mark_near, _sort_into_blocks, compute_signed_distances
+from armguard.cover.signed_distance import compute_signed_distances
 from armguard.cover.triangulation import triangulate
 
 
@@ -38,18 +38,6 @@ def test_inverted_duplicate_and_missing_faces_leave_the_sides_right(box, points)
     assert (compute_signed_distances(points[far], box[1:]) > 0.0).all()
 
 
-def test_distances_to_one_triangle_equal_dense_sampling(points):
-    triangle = np.random.default_rng(1).normal(size=(1, 3, 3)) * 0.2
-    steps = np.linspace(0.0, 1.0, 120)
-    weights = np.array([[a, b, 1.0 - a - b] for a in steps for b in steps if a + b <= 1.0])
-    samples = weights @ triangle[0]
-    for point in points[:100]:
-        sampled = np.linalg.norm(samples - point, axis=1).min()
-        (exact,) = compute_signed_distances(point[None], triangle)
-        assert exact <= sampled + 1e-12
-        assert exact >= sampled - 0.01
-
-
 @pytest.mark.parametrize(
     "corners",
     [
@@ -65,18 +53,3 @@ def test_degenerate_triangles_are_segments_or_points(corners, points):
     sampled = np.linalg.norm(points[:50, None] - line, axis=2).min(axis=1)
     distances = compute_signed_distances(points[:50], triangle)
     np.testing.assert_allclose(distances, sampled, atol=1e-3)
-
-
-@pytest.mark.parametrize("limit", [0.0, 0.03, 0.2])
-def test_cells_are_marked_that_are_near_the_surface_and_no_others(limit):
-    random = np.random.default_rng(7)
-    for count in (1, 20, 300):
-        surface = _sort_into_blocks(random.normal(size=(count, 3, 3)) * (0.5, 0.1, 0.2))
-        corner, step = np.array([-2.0, -0.5, -0.9]), 0.06
-        is_free = np.ones((60, 17, 30), dtype=np.bool_)
-        _mark_near(corner, step, surface, limit, is_free)
-        middles = corner + step * (np.argwhere(np.ones_like(is_free)) + 0.5)
-        distances = np.abs(compute_signed_distances(middles, surface))
-        assert (is_free.ravel() == (distances > limit)).all()
-        assert is_free.any()
-        assert limit == 0.0 or not is_free.all()

@@ -6,7 +6,6 @@ from armguard.cover.sphere_tree import (
     MARGIN,
     MOST_CHILDREN,
     Node,
-    SphereTree,
     build_tree,
     compute_parents,
     enclose,
@@ -43,30 +42,9 @@ def test_every_ball_holds_the_corners_of_all_leaves_below_it():
             node = parents[node]
 
 
-def test_neighbours_are_joined_first():
-    corners = np.array([0.0, 0.1, 5.0, 5.1, 9.0, 9.1, 14.0, 14.1])[:, None, None] * [1, 0, 0]
-    leaves = [Node(enclose(points[0], points), points, []) for points in corners]
-    tree = build_tree(leaves)
-    np.testing.assert_array_equal(tree.child_count, [4, 2, 2, 2, 2, 0, 0, 0, 0, 0, 0, 0, 0])
-    np.testing.assert_allclose(np.sort(tree.spheres[1:5, 0]), [0.05, 5.05, 9.05, 14.05])
-
-
 def test_balls_are_on_the_grid_and_only_just_large_enough():
     points = np.random.default_rng(3).normal(size=(50, 3))
     ball = enclose(points.mean(axis=0), points)
     np.testing.assert_allclose(ball / GRID, np.round(ball / GRID), atol=1e-6)
     reach = np.linalg.norm(points - ball[:3], axis=1).max()
     assert reach + MARGIN <= ball[3] <= reach + MARGIN + 2 * GRID
-
-
-@pytest.mark.parametrize(
-    ("first_child", "child_count", "parents"),
-    [
-        ([0], [0], [0]),
-        ([1, 0, 0], [2, 0, 0], [0, 0, 0]),
-        ([1, 3, 5, 0, 0, 0], [2, 2, 1, 0, 0, 0], [0, 0, 0, 1, 1, 2]),
-    ],
-)
-def test_parents(first_child, child_count, parents):
-    tree = SphereTree(np.ones((len(parents), 4)), np.array(first_child), np.array(child_count))
-    np.testing.assert_array_equal(compute_parents(tree), parents)

@@ -50,24 +50,11 @@ def test_a_hull_contains_its_points_and_is_wound_outwards():
     assert set(map(tuple, triangles.reshape(-1, 3))) <= set(map(tuple, points))
 
 
-def test_the_hull_of_a_cube_has_its_volume_and_no_inner_faces():
-    cube = triangulate("tip", coal.Box(0.2, 0.2, 0.2)).reshape(-1, 3)
-    shift = np.array([0.0, 0.0, 0.3])
-    triangles = hull_triangles("tip", np.concatenate([cube, cube + shift, cube * 0.5]))
-    assert len(triangles) == 12
-    assert np.linalg.det(triangles).sum() / 6 == pytest.approx(0.2 * 0.2 * 0.5)
-
-
 @pytest.mark.parametrize("count", [1, 3, 4])
 def test_flat_points_have_no_hull(count):
     sheet = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
     with pytest.raises(RobotError, match="sheet: has no convex hull"):
         hull_triangles("sheet", sheet[:count])
-
-
-def test_other_shapes_are_refused_by_name():
-    with pytest.raises(RobotError, match="tip: has collision geometry of kind Cone"):
-        triangulate("tip", coal.Cone(0.1, 0.2))
 
 
 @pytest.mark.parametrize(

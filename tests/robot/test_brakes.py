@@ -14,7 +14,6 @@ from armguard.robot.brakes import (
     Brakes,
     Stop,
     braked_displacement,
-    fastest_that_rests,
     find_stop,
     rest_time,
     scale_that_rests,
@@ -46,7 +45,7 @@ def holds(load, speed, deceleration):
         ([holds(1.0, 1.0, 0.0)], r"deceleration = 0\.0.*positive and finite"),
         ([holds(1.0, 1.0, math.nan)], "deceleration = nan"),
         ([holds(1.0, 1.0, math.inf)], "deceleration = inf"),
-        ([holds(1.0, 1.0, 5.5)], r"deceleration = 5\.5 at 1 kg.*exceeds acceleration = 5"),
+        ([holds(1.0, 1.0, 5.5)], r"deceleration = 5\.5.*at 1 kg.*acceleration = 5"),
         ([holds(1.0, 0.0, 1.0)], r"speed = 0\.0"),
         ([holds(1.0, math.inf, 1.0)], "speed = inf"),
         ([holds(-1.0, 1.0, 1.0)], r"load = -1\.0.*non-negative"),
@@ -54,12 +53,16 @@ def holds(load, speed, deceleration):
         ([stops(1.0, 1.0, math.nan, 0.2)], "stopping_time = nan"),
         ([stops(1.0, 1.0, 0.5, 0.0)], r"stopping_distance = 0\.0"),
         ([stops(1.0, 1.0, 0.5, 0.51)], r"stopping_distance = 0\.51.*at most 0\.5, speed times"),
-        ([stops(1.0, 1.0, 0.1, 0.1)], "stops within 0.1 s.*no harder a stop than by acceleration"),
-        ([stops(1.0, 1.0, 0.5, 0.05)], "stops within 0.5 s and 0.05 .*no harder a stop"),
-        ([row(speed={"elbow": 1.0}, deceleration=1.0)], "speed: names joint elbow.*shoulder"),
+        (
+            [stops(1.0, 1.0, 0.1, 0.1)],
+            "stopping_time = 0.1 .*no harder a stop than by acceleration",
+        ),
+        ([stops(1.0, 1.0, 0.5, 0.05)], "stopping_distance = 0.05 .*no harder a stop"),
+        ([row(speed={}, deceleration=3.0)], "speed: names no joint"),
+        ([row(speed={"elbow": 1.0}, deceleration=1.0)], "speed: names elbow.*shoulder"),
         ([holds(1.0, 1.0, 1.0) | {"jerk": 3.0}], "jerk"),
         ([holds(1.0, 1.0, 1.0) | {"source": " "}], "its braking limit has no source"),
-        ([holds(1.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration at 1 kg.*speed of 1 twice"),
+        ([holds(1.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration = 2 at 1 kg.*exceeds 1 at 1"),
         # A joint that is braked harder under more load, or from more speed.
         ([holds(0.0, 1.0, 1.0), holds(1.0, 1.0, 2.0)], "deceleration = 2 at 1 kg.*exceeds 1 at 0"),
         ([holds(1.0, 1.0, 1.0), holds(1.0, 2.0, 2.0)], "speed of 2 exceeds 1 at 1 kg"),
@@ -70,16 +73,7 @@ def holds(load, speed, deceleration):
         ),
         (
             [stops(1.0, 1.0, 0.5, 0.3), stops(1.0, 2.0, 0.6, 0.29 + 0.2 * 0.02)],
-            r"stops within|stopping_distance = 0\.2",
-        ),
-        # What is known of a heavier and faster arm, but not of a lighter or slower one.
-        (
-            [holds(0.0, 1.0, 2.0), holds(1.0, 2.0, 1.0)],
-            "has a hole: no deceleration at 0 kg and a speed of 2.*at 1 kg and 2",
-        ),
-        (
-            [stops(0.0, 2.0, 0.7, 0.6), stops(1.0, 1.0, 0.9, 0.7), stops(1.0, 2.0, 0.9, 0.8)],
-            "has a hole: no stopping_time at 0 kg and a speed of 1",
+            r"stopping_distance = 0\.2",
         ),
     ],
 )
@@ -91,18 +85,12 @@ def test_what_cannot_be_is_refused_by_name(rows, message):
 SOURCES = dict.fromkeys(("position", "velocity", "acceleration"), "a test")
 
 
-def test_a_row_that_names_no_joint_is_refused():
-    limits = limits_for("shoulder") | {"brakes": [row(speed={}, deceleration=3.0)]}
-    with pytest.raises(RobotError, match="speed: names no joint"):
-        read_description(limits)
-
-
 def test_every_joint_has_brakes_and_a_row_is_complete():
     limits = limits_for("shoulder", "elbow")
     with pytest.raises(RobotError, match="joint elbow: has no brakes"):
         read_description(limits | {"brakes": [brakes_for("shoulder")]})
     torn = row(speed={"shoulder": 1.0, "elbow": 1.0}, deceleration={"shoulder": 1.0})
-    with pytest.raises(RobotError, match=r"brakes\[0\]: deceleration: lacks joint elbow"):
+    with pytest.raises(RobotError, match=r"brakes\[0\]: deceleration: names shoulder;.*the same"):
         read_description(limits | {"brakes": [torn]})
     # One number stands for all joints.
     found = read_description(limits | {"brakes": [holds(2, 3, 1)]}).brake_entries()
@@ -140,19 +128,6 @@ def test_the_next_entry_up_counts(payload, speed, expected):
     assert tuple(find_stop(table().make_curves(payload), 0, speed)) == expected
 
 
-def test_what_holds_under_more_holds_under_less():
-    """A time that is stated for a heavy, fast arm alone holds for a light, slow one as well."""
-    entries = [
-        BrakeEntry(1.0, 0.5, np.inf, np.inf, 2.0, "held"),
-        BrakeEntry(5.0, 3.0, 0.5, 0.7, 0.0, "measured"),
-    ]
-    curves = Brakes(["shoulder"], {"shoulder": entries}).make_curves(0.0)
-    assert tuple(find_stop(curves, 0, 0.4)) == (2.0, 0.5, 0.7)
-    assert tuple(find_stop(curves, 0, 2.0)) == (0.0, 0.5, 0.7)
-    heavy = Brakes(["shoulder"], {"shoulder": entries}).make_curves()
-    assert tuple(find_stop(heavy, 0, 0.4)) == (0.0, 0.5, 0.7)
-
-
 @pytest.mark.parametrize("payload", [-0.1, 5.1, np.nan, np.inf, "1", True, None.__class__, 1j])
 def test_payloads_that_cannot_be_are_refused_by_name(payload):
     brakes = table()
@@ -162,15 +137,6 @@ def test_payloads_that_cannot_be_are_refused_by_name(payload):
         brakes.fill_curves(curves, payload)
     for array, old in zip(curves, before, strict=True):
         np.testing.assert_array_equal(array, old)
-
-
-def test_the_heaviest_load_is_one_that_all_joints_are_stated_for():
-    entries = {
-        "a": [BrakeEntry(5.0, 1.0, np.inf, np.inf, 1.0, "")],
-        "b": [BrakeEntry(3.0, 1.0, np.inf, np.inf, 1.0, "")],
-    }
-    brakes = Brakes(["a", "b"], entries)
-    assert brakes.most_payload == brakes.check_payload(None) == 3.0
 
 
 ROUNDED = 1.0 + 1e-12
@@ -215,61 +181,11 @@ def test_less_load_and_less_speed_never_stop_later(load, other_load, one, other,
 @given(st.floats(0.0, 5.0), st.floats(0.0, 1.5))
 def test_the_fastest_that_rests_in_time_does_and_a_faster_one_does_not(load, within):
     curves = table().make_curves(load)
-    fastest = fastest_that_rests(curves, 0, within)
+    fastest = scale_that_rests(curves, np.full(1, 4.0), within) * 4.0
     assert rest_time(find_stop(curves, 0, fastest), fastest) <= within * (1.0 + 1e-12)
     faster = fastest * (1.0 + 1e-9) + 1e-9
     if faster < curves.speed[0, -1]:
         assert rest_time(find_stop(curves, 0, faster), faster) > within
-
-
-def test_displacements_are_the_tighter_of_both_halves():
-    held, timed, both = Stop(2.0, np.inf, np.inf), Stop(0.0, 0.5, 0.3), Stop(2.0, 0.5, 0.3)
-    s = np.linspace(0.0, 1.0, 101)
-    for speed in (0.3, 1.0, 3.0):
-        by_hold = np.array([braked_displacement(speed, held, t) for t in s])
-        by_hold = np.minimum(by_hold, braked_displacement(speed, held, 0.5))  # rests by then
-        by_time = np.array([braked_displacement(speed, timed, t) for t in s])
-        here = np.array([braked_displacement(speed, both, t) for t in s])
-        np.testing.assert_allclose(here, np.minimum(by_hold, by_time), rtol=1e-14)
-        np.testing.assert_allclose(
-            by_time, np.minimum(speed * np.minimum(s, 0.5), 0.3), rtol=1e-11, atol=0.0
-        )
-
-
-def brake_anyhow(random, count, steps):
-    """Velocity profiles that never rise, never turn round, cover at most d and rest by T.
-
-    Of each: the speed at the bite, its entry, and the way gone at each of the steps.
-    """
-    speed = random.uniform(0.0, 3.0, (count, 1))
-    time = 10.0 ** random.uniform(-2.0, 0.5, (count, 1))
-    distance = speed * time * random.uniform(0.05, 1.0, (count, 1))
-    # Falling steps of speed, at random moments: up to the first, the whole speed may be kept.
-    falls = np.sort(
-        random.uniform(0.0, 1.0, (count, steps)) ** random.uniform(0.2, 5.0, (count, 1))
-    )
-    part = np.concatenate([falls[:, ::-1], np.zeros((count, 1))], axis=1)
-    part[random.random(count) < 0.3, : steps // 2] = 1.0
-    span = random.uniform(0.0, 1.0, (count, steps + 1))
-    span = span / span.sum(axis=1, keepdims=True) * time * random.uniform(0.3, 1.0, (count, 1))
-    way = np.cumsum(speed * part * span, axis=1)
-    # One that would go too far is let go sooner.
-    shrink = np.minimum(1.0, distance / np.maximum(way[:, -1:], 1e-300))
-    return speed, time, distance, np.cumsum(span * shrink, axis=1), way * shrink
-
-
-def test_joints_that_brake_anyhow_stay_within_the_bound():
-    random, closest = np.random.default_rng(2), 0.0
-    speed, time, distance, moment, way = brake_anyhow(random, 2000, 8)
-    for k in range(len(speed)):
-        stop = Stop(0.0, float(time[k, 0]), float(distance[k, 0]))
-        for t, gone in zip(moment[k], way[k], strict=True):
-            bound = braked_displacement(float(speed[k, 0]), stop, float(t))
-            assert gone <= bound * (1.0 + 1e-12) + 1e-300
-            closest = max(closest, gone / bound if bound > 0.0 else 0.0)
-        assert moment[k, -1] <= rest_time(stop, float(speed[k, 0])) * (1.0 + 1e-12)
-    # They are hostile: the bound is reached.
-    assert closest > 0.999
 
 
 def test_assigned_decelerations_count_at_every_speed_and_load(tmp_path):

@@ -7,49 +7,29 @@ import pytest
 from armguard.cover.signed_distance import compute_signed_distances
 from armguard.exceptions import RobotError
 from armguard.robot import Robot
-from armguard.robot.description import find_example_urdf, read_description
+from armguard.robot.description import read_description
 from armguard.robot.links import UrdfLinks
 from armguard.robot.urdf import read_urdf
-from support.urdf_arms import BOX, joint_xml, limits_for, link_xml, two_links, write_urdf
+from support.urdf_arms import BOX, joint_xml, limits_for, link_xml, write_urdf
 
 
-@pytest.fixture(scope="module")
-def panda():
-    return Robot.load("panda")
-
-
-def test_fingers_are_covered_wherever_they_are_in_their_travel(panda):
-    path, packages = find_example_urdf("panda_description/urdf/panda.urdf")
-    model = pinocchio.buildModelFromUrdf(str(path))
-    geometry = pinocchio.buildGeomFromUrdf(
-        model, str(path), pinocchio.GeometryType.COLLISION, package_dirs=[str(packages)]
-    )
-    data, geometry_data = model.createData(), geometry.createData()
-    corners = np.array(list(itertools.product((-1, 1), repeat=3)), dtype=float)
-    for opening in np.linspace(0.0, 0.04, 9):
-        q = np.append(np.zeros(7), [opening, opening])
-        pinocchio.updateGeometryPlacements(model, data, geometry, geometry_data, q)
-        for i, shape in enumerate(geometry.geometryObjects):
-            link = model.frames[shape.parentFrame].name
-            if "finger" not in link:
-                continue
-            placement = data.oMi[7].actInv(geometry_data.oMg[i])
-            points = (corners * shape.geometry.halfSide) @ placement.rotation.T
-            points += placement.translation
-            assert (compute_signed_distances(points, panda.triangles(link)) < 1e-9).all()
-            for level in range(panda.cover.levels(link)):
-                balls = panda.cover.spheres(link, level)
-                offsets = np.linalg.norm(points[:, None] - balls[:, :3], axis=2)
-                assert (offsets <= balls[:, 3]).any(axis=1).all()
-
-
-def test_triangles_are_the_meshes_as_pinocchio_places_them(panda):
-    for shape in panda.collision_model.geometryObjects:
-        if shape.name in ("panda_link5_0", "panda_hand_0"):
-            link = panda.model.frames[shape.parentFrame].name
-            expected = shape.geometry.vertices() @ shape.placement.rotation.T
-            expected = np.unique(expected + shape.placement.translation, axis=0)
-            np.testing.assert_allclose(panda.hull(link), expected, atol=1e-15)
+def reach(path, travel, carriers, base=None):
+    """Corners of links all over the travels, in the frame of a joint; None: of the world."""
+    full = pinocchio.buildModelFromUrdf(str(path))
+    data = full.createData()
+    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
+    reached = {link: [] for link in carriers}
+    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
+        q = np.zeros(full.nq)
+        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
+            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
+        pinocchio.forwardKinematics(full, data, q)
+        for link, joint in carriers.items():
+            place = data.oMi[full.getJointId(joint)]
+            if base is not None:
+                place = data.oMi[full.getJointId(base)].actInv(place)
+            reached[link].append(corners @ place.rotation.T + place.translation)
+    return {link: np.concatenate(points) for link, points in reached.items()}
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic", "fixed"])
@@ -72,21 +52,9 @@ def test_a_travelling_link_is_all_that_it_reaches(tmp_path, kind):
     assert robot.links == ("upper", "lower", "tip")
     # A joint that is drawn fixed turns all the same.
     path = chain("revolute" if kind in ("fixed", "continuous") else kind)
-    full = pinocchio.buildModelFromUrdf(str(path))
-    data, number = full.createData(), full.getJointId("shoulder")
-    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
-    reached = {"lower": [], "tip": []}
-    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
-        q = np.zeros(3)
-        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
-            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
-        pinocchio.forwardKinematics(full, data, q)
-        for link, joint in (("lower", "elbow"), ("tip", "wrist")):
-            placement = data.oMi[number].actInv(data.oMi[full.getJointId(joint)])
-            reached[link].append(corners @ placement.rotation.T + placement.translation)
+    reached = reach(path, travel, {"lower": "elbow", "tip": "wrist"}, "shoulder")
     for link, points in reached.items():
-        distances = compute_signed_distances(np.concatenate(points), robot.triangles(link))
-        assert distances.max() < 1e-9
+        assert compute_signed_distances(points, robot.triangles(link)).max() < 1e-9
 
 
 def test_what_travels_beside_the_arm_is_fixed_as_all_that_it_reaches(tmp_path):
@@ -104,37 +72,9 @@ def test_what_travels_beside_the_arm_is_fixed_as_all_that_it_reaches(tmp_path):
     robot = Robot("arm", read_urdf(path, (), description.travelling), description, ["shoulder"])
     fixed = robot.fixed_points()
     assert set(fixed) == {"base", "neck", "head"}, "nobody says where the hatch is"
-    full = pinocchio.buildModelFromUrdf(str(path))
-    data = full.createData()
-    corners = np.array(list(itertools.product((-0.05, 0.05), (-0.03, 0.03), (-0.02, 0.02))))
-    for shares in itertools.product(np.linspace(0.0, 1.0, 13), repeat=2):
-        q = np.zeros(full.nq)
-        for share, (joint, (lower, upper)) in zip(shares, travel.items(), strict=True):
-            q[full.joints[full.getJointId(joint)].idx_q] = lower + share * (upper - lower)
-        pinocchio.forwardKinematics(full, data, q)
-        for link, joint in (("neck", "nod"), ("head", "turn")):
-            place = data.oMi[full.getJointId(joint)]
-            points = corners @ place.rotation.T + place.translation
-            assert (points >= fixed[link].min(axis=0) - 1e-9).all()
-            assert (points <= fixed[link].max(axis=0) + 1e-9).all()
-
-
-def test_surfaces_are_those_of_a_robot_with_limits(tmp_path):
-    path = two_links(tmp_path)
-    bare, robot = UrdfLinks(path), Robot.from_urdf(path, limits=limits_for("shoulder"))
-    assert bare.links == robot.links == ("upper",)
-    assert bare.name == "arm"
-    assert bare.joint_index("upper") == robot.joint_index("upper") == 1
-    np.testing.assert_array_equal(bare.triangles("upper"), robot.triangles("upper"))
-
-
-def test_every_joint_counts_as_one_that_moves():
-    path, packages = find_example_urdf("panda_description/urdf/panda.urdf")
-    bare = UrdfLinks(path, [packages])
-    assert "panda_link0" not in bare.links
-    assert set(bare.links) >= {"panda_link1", "panda_hand", "panda_rightfinger"}
-    assert bare.joint_index("panda_hand") != bare.joint_index("panda_leftfinger")
-    assert list(bare.links) == sorted(bare.links, key=bare.joint_index)
+    for link, points in reach(path, travel, {"neck": "nod", "head": "turn"}).items():
+        assert (points >= fixed[link].min(axis=0) - 1e-9).all()
+        assert (points <= fixed[link].max(axis=0) + 1e-9).all()
 
 
 def test_a_urdf_without_moving_geometry_is_refused(tmp_path):

@@ -73,14 +73,6 @@ def test_what_is_attached_and_taken_off_is_told_alone():
     assert restored.revision == robot.revision == 2
 
 
-def test_a_body_can_be_attached_to_a_restored_robot():
-    restored = RestoredRobot(describe_robot(Robot.load("panda")))
-    restored.attach("ball", "panda_hand", coal.Sphere(0.1))
-    assert len(restored.hull("ball"))
-    with pytest.raises(RobotError, match="not a link"):
-        restored.hull("nothing")
-
-
 def test_numbers_that_json_has_no_word_for_are_spelled():
     values = np.array([[np.nan, np.inf], [-np.inf, -0.0]])
     listed = through_json(write_numbers(values))

@@ -107,16 +107,6 @@ def test_continuous_joints_become_unbounded_revolute_ones(tmp_path):
         np.testing.assert_allclose(data.oMi[1].homogeneous, expected.oMi[1].homogeneous, atol=1e-13)
 
 
-def test_meshes_are_found_beside_the_urdf(tmp_path, monkeypatch):
-    corners = np.eye(3) * 0.1
-    write_stl(tmp_path / "good.stl", [corners, corners[::-1] * 0.5])
-    monkeypatch.chdir("/")
-    robot = Robot.from_urdf(
-        two_links(tmp_path, mesh_xml("good.stl")), limits=limits_for("shoulder")
-    )
-    assert robot.triangles("upper").shape == (2, 3, 3)
-
-
 @pytest.mark.parametrize("damage", ["missing", "empty", "noise", "nan", "package"])
 def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
     path = tmp_path / "bad.stl"
@@ -131,32 +121,23 @@ def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
         Robot.from_urdf(two_links(tmp_path, mesh_xml(name)), limits=limits_for("shoulder"))
 
 
-def test_a_package_is_found_by_what_its_manifest_says(tmp_path):
-    """A clone may have another name than the package in it."""
-    home = tmp_path / "clone-of-it"
-    (home / "meshes").mkdir(parents=True)
-    write_stl(home / "meshes" / "upper.stl", [np.eye(3), -np.eye(3)])
-    (home / "package.xml").write_text("<package><name>arm_description</name></package>")
-    path = two_links(tmp_path, mesh_xml("package://arm_description/meshes/upper.stl"))
-    for folder in (tmp_path, home):
-        robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=[folder])
-        assert robot.triangles("upper").shape == (2, 3, 3)
-
-
 @pytest.mark.parametrize("scheme", ["package", "model"])
 @pytest.mark.parametrize("by_ros", [False, True])
 def test_packages_and_models_are_found_in_named_folders_and_in_those_of_ros(
     tmp_path, monkeypatch, scheme, by_ros
 ):
-    home = tmp_path / "arm" / "meshes"
-    home.mkdir(parents=True)
-    write_stl(home / "upper.stl", [np.eye(3), -np.eye(3)])
-    path = two_links(tmp_path, mesh_xml(f"{scheme}://arm/meshes/upper.stl"))
-    folders = f"{tmp_path / 'nowhere'}{os.pathsep}{tmp_path}"
-    monkeypatch.setenv("ROS_PACKAGE_PATH", folders if by_ros else "")
-    named = () if by_ros else (tmp_path,)
-    robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=named)
-    assert robot.triangles("upper").shape == (2, 3, 3)
+    """By the name of their folder, or by what their manifest says: clones have other names."""
+    for folder, name in (("arm", "arm"), ("clone-of-it", "arm_description")):
+        home = tmp_path / folder
+        (home / "meshes").mkdir(parents=True)
+        write_stl(home / "meshes" / "upper.stl", [np.eye(3), -np.eye(3)])
+        (home / "package.xml").write_text(f"<package><name>{name}</name></package>")
+        path = two_links(tmp_path, mesh_xml(f"{scheme}://{name}/meshes/upper.stl"))
+        folders = f"{tmp_path / 'nowhere'}{os.pathsep}{tmp_path}"
+        monkeypatch.setenv("ROS_PACKAGE_PATH", folders if by_ros else "")
+        named = () if by_ros else (tmp_path,)
+        robot = Robot.from_urdf(path, limits=limits_for("shoulder"), package_dirs=named)
+        assert robot.triangles("upper").shape == (2, 3, 3)
 
 
 def test_a_mesh_that_is_not_found_names_package_folders_and_option(tmp_path):
@@ -176,20 +157,6 @@ def test_a_joint_without_an_axis_is_refused(tmp_path, axis):
     path.write_text(path.read_text().replace("0 0.6 0.8", axis))
     with pytest.raises(RobotError, match="'shoulder': has an axis of length 0; expected a dir"):
         Robot.from_urdf(path, limits=limits_for("shoulder"))
-
-
-def test_axes_need_not_be_of_unit_length(tmp_path):
-    path = two_links(tmp_path)
-    path.write_text(path.read_text().replace("0 0.6 0.8", "0 6e-3 8e-3"))
-    motion = read_urdf(path).model.joints[1].createData().S.ravel()
-    np.testing.assert_allclose(motion, [0, 0, 0, 0, 0.6, 0.8], atol=1e-12)
-
-
-def test_unknown_encodings_are_refused(tmp_path):
-    path = two_links(tmp_path)
-    path.write_text(f'<?xml version="1.0" encoding="sumerian"?>{path.read_text()}')
-    with pytest.raises(RobotError, match=r"arm\.urdf: is not XML: unknown encoding"):
-        read_urdf(path)
 
 
 @pytest.mark.parametrize(
@@ -215,14 +182,6 @@ def test_a_xacro_is_refused_with_what_expands_it(tmp_path, site):
     )
     with pytest.raises(RobotError, match=r"is a xacro: it has <xacro:include>.*`xacro arm\.urdf"):
         read_urdf(path)
-
-
-def test_what_is_left_of_an_expanded_xacro_is_a_urdf(tmp_path):
-    path = two_links(tmp_path)
-    path.write_text(
-        path.read_text().replace("<robot", '<robot xmlns:xacro="http://ros.org/wiki/xacro"')
-    )
-    assert read_urdf(path).model.njoints == 2
 
 
 @pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="2"/>'])
@@ -256,7 +215,7 @@ def test_a_link_is_collided_with_as_it_is_drawn(tmp_path):
 
 @pytest.mark.parametrize(
     ("link", "words"),
-    [("hand", "is not in the URDF"), ("base", "of its own"), ("tip", "is not drawn")],
+    [("hand", "is not in the model"), ("base", "of its own"), ("tip", "is not drawn")],
 )
 def test_a_link_without_such_a_drawing_is_refused(tmp_path, link, words):
     with pytest.raises(RobotError, match=words):
@@ -272,19 +231,3 @@ def test_a_fixed_joint_may_have_the_name_of_a_link(tmp_path):
     )
     robot = Robot.from_urdf(path, limits=limits_for("shoulder"))
     assert robot.links == ("upper", "hand")
-
-
-def test_a_joint_that_moves_may_have_the_name_of_a_link(tmp_path):
-    path = write_urdf(
-        tmp_path,
-        *(link_xml(name) for name in ("base", "upper", "hand")),
-        joint_xml("upper", "base", "upper"),
-        joint_xml("wrist", "upper", "hand"),
-    )
-    assert Robot.from_urdf(path, limits=limits_for("upper", "wrist")).joints == ("upper", "wrist")
-
-
-def test_a_robot_needs_no_name(tmp_path):
-    path = two_links(tmp_path)
-    path.write_text(path.read_text().replace('<robot name="arm">', "<robot>"))
-    assert read_urdf(path).model.name == "arm"

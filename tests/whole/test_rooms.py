@@ -26,7 +26,7 @@ ROOMS = {
     "jit": "",
     "contact": "jit",
     "obstacles": "messages jit",
-    "cover": "jit",
+    "cover": "contact jit",
     "robot": "cover jit",
     "settings": "robot jit",
     "bounds": "robot cover obstacles contact jit",

@@ -2,11 +2,8 @@
 
 import numpy as np
 import pinocchio
-import pytest
 
 from armguard.robot import Robot
-from armguard.robot.description import robots_directory
-from armguard.robot.mjcf import read_mjcf
 
 DH = [
     (0.0, 0.1625, np.pi / 2),
@@ -43,17 +40,3 @@ def test_the_flange_is_where_published_parameters_put_it():
     for q in random.uniform(-2.0 * np.pi, 2.0 * np.pi, (50, 6)):
         pinocchio.framesForwardKinematics(robot.model, data, q)
         np.testing.assert_allclose(data.oMf[flange].homogeneous, base @ place_flange(q), atol=1e-9)
-
-
-def test_mujoco_reads_the_same_model():
-    mujoco = pytest.importorskip("mujoco")
-    path = robots_directory() / "ur5e" / "ur5e.xml"
-    reference, ours = mujoco.MjModel.from_xml_path(str(path)), read_mjcf(path)
-    state, data = mujoco.MjData(reference), ours.model.createData()
-    random = np.random.default_rng(2)
-    for q in random.uniform(-3.0, 3.0, (20, 6)):
-        state.qpos[:] = q
-        mujoco.mj_kinematics(reference, state)
-        pinocchio.forwardKinematics(ours.model, data, q)
-        actual = [placement.translation for placement in data.oMi[1:]]
-        np.testing.assert_allclose(actual, state.xpos[2:8], atol=1e-9)

@@ -31,7 +31,6 @@ from armguard.robot.robot import Robot
 from armguard.robot.wrap_angle import (
     align_turns,
     find_continuous,
-    has_continuous,
     unwrap,
 )
 
