@@ -43,6 +43,10 @@ class ViewProcess:
         """Whether the process is alive."""
         return self._process.poll() is None
 
+    def wait(self) -> None:
+        """Return when the process has ended."""
+        self._process.wait()
+
     def close(self, timeout: float = END_TIMEOUT) -> None:
         """End the process and wait until it and its port are gone; harmless if they are.
 
