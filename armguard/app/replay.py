@@ -25,7 +25,7 @@ from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import make_console, print_json
-from armguard.app.view_feed import MonitorFeed, Origin
+from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.recording.bags import BagInputs, BagRun
@@ -35,7 +35,7 @@ from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
 from armguard.robot.description import list_robots
 from armguard.verdict import Level, Verdict, find_weightiest
 from armguard.view.export import check_export
-from armguard.view.messages import StatusMessage
+from armguard.view.messages import Origin, StatusMessage
 from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
 
@@ -589,7 +589,9 @@ def show_page(
             make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
         if wishes.open:
             webbrowser.open(process.url)
-        feed = MonitorFeed(monitor, publisher, Origin(*urdf, is_recorded=True))
+        path, folders = urdf
+        origin = Origin(urdf=path, package_dirs=tuple(folders), is_recorded=True)
+        feed = MonitorFeed(monitor, publisher, origin)
         durations = Durations()
 
         def take(tick: ReplayedTick) -> None:

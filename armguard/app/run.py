@@ -371,14 +371,15 @@ class _Observer:
         """
         if self._publisher is None or self.monitor is None:
             return
-        from armguard.app.view_feed import MonitorFeed, Origin
+        from armguard.app.view_feed import MonitorFeed
+        from armguard.view.messages import Origin
 
         urdf, package_dirs = self._cell.urdf
         origin = Origin(
-            urdf,
-            package_dirs,
-            find_reset_address(addresses),
-            obeys_reset,
+            urdf=urdf,
+            package_dirs=tuple(package_dirs),
+            reset_address=find_reset_address(addresses),
+            obeys_reset=obeys_reset,
             arm=self._cell.arm,
             recording=self._recording,
         )

@@ -12,10 +12,9 @@ from armguard.app.view_feed import (
     PAIR_LIMIT,
     ROW_LIMIT,
     MonitorFeed,
-    Origin,
 )
 from armguard.view import FrameMessage, SceneMessage
-from armguard.view.messages import decode_message, encode_message
+from armguard.view.messages import Origin, decode_message, encode_message
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 

@@ -83,7 +83,7 @@ def test_an_address_that_is_none_is_refused(capfd):
 
 
 def test_a_mistake_of_who_starts_it_alone_is_one_line():
-    command = [sys.executable, "-m", "armguard.view", "nonsense"]
+    command = [sys.executable, "-m", "armguard.view", '{"address": "nonsense"}']
     process = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert process.returncode == 2
     assert "nonsense" in process.stderr

@@ -16,6 +16,7 @@ from tornado.websocket import websocket_connect
 from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, launch, viewer
 from armguard.view.messages import Latch, encode_message
+from armguard.view.process import WatchOptions
 from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0
@@ -29,7 +30,7 @@ def view():
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_quietly(number, capfd):
-    command = [sys.executable, "-m", "armguard.view", "tcp://127.0.0.1:1"]
+    command = [sys.executable, "-m", "armguard.view", '{"address": "tcp://127.0.0.1:1"}']
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert "http://127.0.0.1:" in process.stdout.readline()
         process.send_signal(number)
@@ -170,7 +171,7 @@ def watch(tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "REACH_TIMEOUT", TIMEOUT)
     monkeypatch.setattr(viewer, "ANSWER_TIMEOUT", TIMEOUT)
     address = f"ipc://{tmp_path}/in"
-    with contextlib.closing(viewer.Watch("tcp://127.0.0.1:1")) as watch:
+    with contextlib.closing(viewer.Watch(WatchOptions(address="tcp://127.0.0.1:1"))) as watch:
         tell(watch, make_scene(reset_address=address, obeys_reset=True), make_frame())
         watch.monitor_address = address
         yield watch
@@ -308,7 +309,9 @@ def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
     monkeypatch.setattr(viewer.Watch, "_publish_reset", lambda _, *given: publish(*given))
 
     async def ask():
-        with contextlib.closing(viewer.Watch("tcp://192.0.2.10:5704")) as view:
+        with contextlib.closing(
+            viewer.Watch(WatchOptions(address="tcp://192.0.2.10:5704"))
+        ) as view:
             tell(view, make_scene(reset_address=told, obeys_reset=True, arm="left"), make_frame())
             return await view._send_reset("sesame")
 
