@@ -256,6 +256,9 @@ def test_without_its_package_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(bags_module.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ArmguardError, match=r"pip install 'armguard\[record\]'"):
         run(tmp_path)
-    monkeypatch.undo()
+
+
+def test_a_radius_is_a_number_of_metres(tmp_path):
+    path = write_bag(tmp_path / "bag", usual(3))
     with pytest.raises(ArmguardError, match="radius: is -1"):
-        run(tmp_path, radius=-1.0)
+        run(path, radius=-1.0)
