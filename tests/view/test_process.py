@@ -12,7 +12,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from armguard.exceptions import ArmguardError
 from armguard.view import FramePublisher, launch
 from armguard.view.messages import StatusMessage
 from support.view_samples import make_frame, make_scene
@@ -68,18 +67,6 @@ def view():
 def test_it_listens_on_the_loopback_interface_only(view):
     assert view.url.startswith("http://127.0.0.1:")
     assert listening_addresses(view.pid) == {"0100007F"}
-
-
-def test_a_port_in_use_is_refused(view, capfd):
-    with pytest.raises(ArmguardError, match=f"port {port_of(view.url)}"):
-        launch("tcp://127.0.0.1:1", port_of(view.url))
-    assert capfd.readouterr().err == ""
-
-
-def test_an_address_that_is_none_is_refused(capfd):
-    with pytest.raises(ArmguardError, match="nonsense"):
-        launch("nonsense")
-    assert capfd.readouterr().err == ""
 
 
 def test_a_mistake_of_who_starts_it_alone_is_one_line():

@@ -4,7 +4,6 @@ import math
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import msgspec
@@ -101,65 +100,6 @@ def test_it_attaches_to_a_feed_that_comes_and_goes():
 
                 wait_for(is_heard)
         assert process.running
-
-
-def ask_for_reset(url, token):
-    """What becomes of a reset that a page asks for."""
-
-    async def ask():
-        browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
-        try:
-            await browser.write_message(msgspec.json.encode({"type": "reset", "token": token}))
-            while True:
-                message = await asyncio.wait_for(browser.read_message(), TIMEOUT)
-                first = msgspec.msgpack.decode(message)[0]
-                if first["type"] == "outcome":
-                    return first["text"]
-        finally:
-            browser.close()
-            await asyncio.sleep(0.05)
-
-    return asyncio.run(ask())
-
-
-def show_scene(publisher, url, **scene):
-    """Publish until the page has what is told."""
-    publisher.publish_scene(make_scene(**scene))
-    for sequence in range(100):
-        publisher.publish_frame(make_frame(sequence=sequence))
-        time.sleep(0.02)
-        if sequence > 20 and not math.isnan(silence(url)):
-            return
-
-
-def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
-    with (
-        FramePublisher("tcp://127.0.0.1:*") as publisher,
-        launch(publisher.address) as process,
-        contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor,
-    ):
-        assert "no monitor" in ask_for_reset(process.url, "sesame")
-        time.sleep(1.1)
-        show_scene(publisher, process.url)
-        assert "obeys no reset" in ask_for_reset(process.url, "sesame")
-        time.sleep(1.1)
-        show_scene(publisher, process.url, reset_address=monitor.address, obeys_reset=True)
-        # A monitor hears of a publisher only while it reads, as it does in every tick.
-        ended = threading.Event()
-
-        def obey():
-            obeyed = 0
-            while not ended.wait(0.005):
-                obeyed += b"sesame" in (monitor.receive() or b"")
-                publisher.publish_frame(make_frame(obeyed_resets=obeyed))
-
-        listener = threading.Thread(target=obey)
-        listener.start()
-        try:
-            assert ask_for_reset(process.url, "sesame").startswith("obeyed")
-        finally:
-            ended.set()
-            listener.join()
 
 
 SEEN = Latch(reason="a person was near", since=1.0)

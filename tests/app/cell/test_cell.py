@@ -1,6 +1,5 @@
 import inspect
 import math
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ from msgspec import UNSET
 
 from armguard.app.cell import Cell
 from armguard.exceptions import ArmguardError, CellError
-from armguard.pairs import SeparationRule
 from armguard.people import BOUNDS
 from armguard.recording import Recorder
 from armguard.robot import Robot
@@ -17,7 +15,6 @@ from armguard.settings import Settings
 from armguard.settings.separation_rule import HUMAN_SPEED
 from armguard.streams import SourceLimits
 from armguard.streams.keys import write_new_pair
-from armguard.streams.stamp_clocks import HELD_UP
 from support.cell_texts import FRAMES, ROBOT
 
 EXAMPLE = Path(__file__).parents[3] / "demos" / "cell.toml"
@@ -138,11 +135,6 @@ def test_the_example_explains_every_key():
                 assert f"{key} = " in text or f"[{name}.{key}]" in text or key == "position", key
 
 
-def test_a_cell_with_only_a_robot_has_the_defaults_of_the_library():
-    _, _, monitor = Cell.from_text(ROBOT).build()
-    assert monitor.period == 0.001
-
-
 def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
     obstacles = Cell.from_text(FRAMES).make_obstacles()
     obstacles.update(["a"], 0.0, [[1.0, 2.0, 3.0]], radius=0.1, frame="lens", position_error=0.1)
@@ -236,14 +228,6 @@ def test_operating_limits_that_do_not_fit_are_refused(text, pattern):
         cell._make_operating(cell.make_robot())
 
 
-def test_published_operating_limits_are_missed_clearly_where_there_are_none():
-    cell = Cell.from_text(ROBOT.rstrip() + '\noperating = "published"\n')
-    robot = cell.make_robot()
-    if getattr(robot, "published_operating_limits", None) is None:
-        with pytest.raises(CellError, match=r"robot\.operating: .*not published"):
-            cell._make_operating(robot)
-
-
 def test_settings_reach_obstacles_and_monitor():
     text = (
         'ignore = [["panda_link[1-3]", "part*"], ["*", "toy"]]\n'
@@ -315,13 +299,6 @@ def test_the_separation_distance_is_as_the_file_has_it():
     assert own == separation_of("[separation]\nhuman_speed = 2.0\n") < usual
 
 
-def test_the_example_has_the_usual_rule_of_separation_once_its_comments_are_taken_away():
-    text = re.sub(
-        r"^# (\[(?:separation|clouds)\]|\w+ = [\d.]+ +#)", r"\1", EXAMPLE.read_text(), flags=re.M
-    )
-    assert Cell.from_text(text).tables.separation == SeparationRule()
-
-
 def test_a_clock_error_of_the_joints_widens_their_errors():
     known = Cell.from_text(ROBOT).make_robot()
     robot, _, monitor = Cell.from_text(ROBOT + "[joint_state]\nclock_error = 0.004").build()
@@ -336,14 +313,6 @@ def test_a_clock_error_of_the_joints_widens_their_errors():
     assert (
         monitor.step(0.0, READY, np.zeros(7)).level == monitor.step(1e-3, moved, np.zeros(7)).level
     )
-
-
-def test_comparing_dates_widens_the_errors_of_the_joints_a_little():
-    known = Cell.from_text(ROBOT).make_robot()
-    robot = Cell.from_text(ROBOT + '[joint_state]\nclock = "unix"').make_robot()
-    wider = robot.position_error - known.position_error
-    assert (wider >= 0.999 * HELD_UP * known.velocity_limit).all()
-    assert (wider < 2e-4).all()
 
 
 def test_a_urdf_and_what_belongs_to_it_are_found_beside_the_file(tmp_path, monkeypatch):
@@ -433,13 +402,6 @@ def test_a_file_says_whether_there_are_sources():
 def test_bounds_in_other_units_are_refused(line, message):
     with pytest.raises(CellError, match=message):
         Cell.from_text(f'[robot]\nname = "panda"\n[bounds]\n{line}\n').make_obstacles()
-
-
-def test_a_bound_that_there_is_not_is_inf():
-    cell = Cell.from_text('[robot]\nname = "panda"\n[bounds]\nspeed = inf\naccel = inf\n')
-    obstacles = cell.make_obstacles()
-    obstacles.update(["a"], 0.0, [[1.0, 0.0, 0.0]], radius=0.1)
-    assert (obstacles.table.speed[0], obstacles.table.accel[0]) == (math.inf, math.inf)
 
 
 def test_a_cell_says_what_the_arm_carries():
