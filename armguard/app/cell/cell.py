@@ -286,7 +286,6 @@ class Cell:
                 radius,
                 table.detection_time,
                 None if table.speed is UNSET else table.speed,
-                None if table.accel is UNSET else table.accel,
             )
         return obstacles
 

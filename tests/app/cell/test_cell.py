@@ -70,10 +70,18 @@ def test_every_setting_of_the_monitor_has_a_key():
     assert keys == set(Settings.__struct_fields__) - others
 
 
-@pytest.mark.parametrize("line", ['stop = "path"', "path_deceleration = 2.0"])
-def test_keys_of_earlier_versions_say_what_replaces_them(line):
-    with pytest.raises(CellError, match=r"is no key any more.*commits pieces"):
-        Cell.from_text(f'{ROBOT}\n[monitor]\nmotion = "planned"\n{line}\n')
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[monitor]\nmotion = "planned"\nstop = "path"', "monitor.stop: .*commits pieces"),
+        ("[monitor]\npath_deceleration = 2.0", "monitor.path_deceleration: .*commits pieces"),
+        ("[entrances.door]\naccel = 1.0", "entrances.door.accel: .*bound on speed alone"),
+    ],
+)
+def test_keys_of_earlier_versions_say_what_replaces_them(text, words):
+    with pytest.raises(CellError, match=words) as caught:
+        Cell.from_text(f"{ROBOT}\n{text}\n")
+    assert "is no key any more" in str(caught.value)
 
 
 AUTO = (
@@ -146,7 +154,7 @@ def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
 
 def test_entrances_stand_in_their_frame_and_take_bounds_by_their_name():
     text = f"{FRAMES}[bounds]\nspeed = 1.5\n[bounds.of]\n'gate*' = {{ accel = 4.0, speed = 3.0 }}\n"
-    for name, more in (("door", ""), ("gate 1", ""), ("hatch", "speed = 0.5\naccel = 1.0\n")):
+    for name, more in (("door", ""), ("gate 1", ""), ("hatch", "speed = 0.5\n")):
         text += f"[entrances.'{name}']\nframe = 'lens'\nposition = [0, 0, 1]\nradius = 0.2\n"
         text += f"detection_time = 0.1\n{more}"
     cell = Cell.from_text(text)
@@ -155,7 +163,7 @@ def test_entrances_stand_in_their_frame_and_take_bounds_by_their_name():
     assert error > 0.0
     assert table.points[0, 0] == pytest.approx(cell.frames["lens"].apply([0, 0, 1]))
     assert table.speed[:3].tolist() == [1.5, 3.0, 0.5]
-    assert table.accel[:3].tolist() == [10.0, 4.0, 1.0]
+    assert table.accel[:3].tolist() == [10.0, 4.0, 10.0]
     assert table.radius[:3] == pytest.approx(0.2 + error + 0.1 * np.array([1.5, 3.0, 0.5]))
 
 
