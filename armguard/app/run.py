@@ -15,7 +15,7 @@ import msgspec
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
-from armguard.app.loop import RateLoop, RunOptions, run
+from armguard.app.loop import Observer, RateLoop, RunOptions, run
 from armguard.app.premises import describe_missing_limits, list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
@@ -150,8 +150,7 @@ def supervise(wishes: cli.Run) -> int:
                 cell,
                 options,
                 authenticator=authenticator,
-                observe=observer.observe,
-                rest=observer.rest,
+                observer=observer,
                 prepared=tell_prepared,
                 listening=tell_addresses,
                 tell=announcer.tell,
@@ -342,7 +341,7 @@ def show(wishes: cli.View) -> int:
     return 0
 
 
-class _Observer:
+class _Observer(Observer):
     """Counts and announces every verdict, and feeds the views if there is an address for them."""
 
     def __init__(

@@ -19,6 +19,7 @@ from armguard.app.loop import (
     LONGEST_SPELL,
     REST,
     Durations,
+    Observer,
     RateLoop,
     RunOptions,
     run,
@@ -80,7 +81,10 @@ def make_loop(script, clock, publish, text=CELL, answers=None, rest=None, **opti
         if answers is not None:
             answers.append((number, verdict))
 
-    return RateLoop(monitor, edge, [script], clock, publish, answer, rest=rest)
+    observer = Observer()
+    if rest is not None:
+        observer.rest = rest
+    return RateLoop(monitor, edge, [script], clock, publish, answer, [observer])
 
 
 # The loop
@@ -332,10 +336,12 @@ def test_a_latched_stop_is_reset_by_the_token():
 def test_what_the_system_refuses_is_told_once(tmp_path, capsys, realtime):
     addresses = [f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")]
     policies = set()
+    observer = Observer()
+    observer.observe = lambda loop, verdict: policies.add(os.sched_getscheduler(0))
     report = run(
         Cell.from_text(CELL),
         RunOptions(*addresses, duration=0.05, realtime=realtime),
-        observe=lambda loop, verdict: policies.add(os.sched_getscheduler(0)),
+        observer=observer,
     )
     lines = capsys.readouterr().err.splitlines()
     if realtime:
@@ -369,9 +375,10 @@ RUN = """
 import sys
 from pathlib import Path
 from armguard.app.cell.cell import Cell
-from armguard.app.loop import RunOptions, run
+from armguard.app.loop import Observer, RunOptions, run
 from armguard.verdict import Level
-levels = []
+levels, observer = [], Observer()
+observer.observe = lambda loop, verdict: levels.append(verdict.level.name)
 print("ready", flush=True)
 report = run(
     Cell.load(sys.argv[1]),
@@ -380,7 +387,7 @@ report = run(
         verdicts_address=sys.argv[3],
         record=Path(sys.argv[4]) if len(sys.argv) > 4 else None,
     ),
-    observe=lambda loop, verdict: levels.append(verdict.level.name),
+    observer=observer,
 )
 print(report.received, report.faults, sorted(set(levels)), len(levels), sep=";")
 """
