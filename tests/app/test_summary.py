@@ -129,9 +129,10 @@ def test_ticks_without_any_joint_state_count_only_as_waiting():
 def test_the_soonest_contact_is_of_a_pair():
     assert count().min_contact_time == math.inf
     unknown = verdict(Level.STOP, 0.0, link=None, complete=False)
-    counts = count(verdict(Level.CLEAR, math.inf, link=None), unknown, verdict(Level.SLOW, 0.25))
+    clear, slow = verdict(Level.CLEAR, math.inf, link=None), verdict(Level.SLOW, 0.25)
+    counts = count(clear, unknown, unknown, slow, unknown)
     assert counts.min_contact_time == 0.25
-    assert counts.incomplete == 1
+    assert counts.incomplete == 2, "how often it began"
 
 
 def test_stops_are_counted_by_their_weightiest_reason():

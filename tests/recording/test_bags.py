@@ -116,6 +116,16 @@ def test_markers_become_bodies_that_contain_them(shape, tmp_path):
     assert len(obstacles) == len(expected)
 
 
+def test_a_marker_that_is_deleted_is_gone(tmp_path):
+    told = [
+        (0.0, "/things", markers(marker(0.0, 2, 1), marker(0.0, 2, 2))),
+        (0.1, "/things", markers(marker(0.1, 2, 2, action=2))),
+        (0.2, "/joint_states", joint_state(0.2)),
+    ]
+    _, obstacles, _ = run(write_bag(tmp_path / "bag", told), ["/joint_states", "/things"])
+    assert {id for id in obstacles.ids if id} == {"1"}
+
+
 def test_markers_without_a_body_are_passed_over_and_told(tmp_path):
     shown = markers(marker(0.0, 9), marker(0.0, 0, 1), marker(0.0, 9, 2))
     path = write_bag(

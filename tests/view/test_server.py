@@ -207,8 +207,6 @@ def test_a_browser_looks_at_the_past_and_comes_back_to_all_that_changed():
         assert (await hear(other))[1]["sequence"] == 1
         assert await hears_nothing(browser)
         assert stage.asked == [(5, False)]
-        await browser.write_message('{"type": "seek", "number": null}')
-        assert (await hear(browser))[1]["sequence"] == 1
 
     on_stage(play)
 
@@ -245,6 +243,23 @@ def test_meshes_that_are_under_way_come_in_the_past_as_well():
         assert len((await hear(browser))[1:]) == 3
         await browser.write_message(DONE)
         assert await hears_nothing(browser)
+
+    on_stage(play)
+
+
+def test_what_the_past_has_drawn_is_drawn_anew_by_the_present():
+    async def play(stage):
+        stage.show(1)
+        browser = await stage.browse()
+        for expected in (None, 1):
+            bundle = await hear(browser)
+            assert expected is None or bundle[1]["sequence"] == expected
+            await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": 5}')
+        assert (await hear(browser))[1]["sequence"] == -5
+        await browser.write_message(DONE)
+        await browser.write_message('{"type": "seek", "number": null}')
+        assert (await hear(browser))[1]["sequence"] == 1
 
     on_stage(play)
 

@@ -99,6 +99,7 @@ MISTAKES = [
     (ROBOT + "[bounds.of]\n'*' = 'paw'", "bounds.of.*", "is 'paw'; expected one of head, trunk"),
     (ROBOT + "[bounds.of]\n'b*' = {accel = 1}", "bounds.of.b*.speed", "is missing"),
     (ROBOT + "[bounds.of]\nb = {accel = -1, speed = 1}", "bounds.of.b.accel", "is -1"),
+    (ROBOT + "[bounds.of]\nb = {accel = nan, speed = 1}", "bounds.of.b.accel", "is nan"),
     (ROBOT + "[monitor]\nrate = 0", "monitor.rate", "is 0"),
     (ROBOT + "[monitor]\nmax_staleness = 1", "monitor.max_staleness", "is 1"),
     (ROBOT + "[monitor]\nbudget = 0", "monitor.budget", "is 0"),
