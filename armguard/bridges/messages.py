@@ -15,6 +15,7 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
@@ -383,15 +384,8 @@ def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
         return np.eye(3), _read_vector(position)
     if not 0.0 < norm < math.inf:
         return np.full((3, 3), np.nan), _read_vector(position)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return rotation, _read_vector(position)
+    turn = pinocchio.Quaternion(w / norm, x / norm, y / norm, z / norm)
+    return turn.toRotationMatrix(), _read_vector(position)
 
 
 def read_length(orientation: Any) -> float:

@@ -7,13 +7,11 @@ that makes ticks late. The process ends with its parent, however that ends.
 from __future__ import annotations
 
 import os
-import queue
 import re
+import select
 import subprocess
 import sys
-import threading
 from pathlib import Path
-from typing import IO
 
 import msgspec
 
@@ -133,17 +131,14 @@ def launch(
         start_new_session=True,  # a Ctrl-C while it still imports would end it with a traceback
     )
     assert process.stdout is not None
-    lines: queue.Queue[str] = queue.Queue()
-    # A pipe cannot be read with a time limit on every system; a thread's queue can.
-    threading.Thread(target=_read_line, args=(process.stdout, lines), daemon=True).start()
     try:
-        line = lines.get(timeout=START_TIMEOUT)
-    except queue.Empty:
-        line = ""
+        # It says one line, all at once.
+        with process.stdout as output:
+            is_told = select.select([output], [], [], START_TIMEOUT)[0]
+            found = re.search(r"http://\S+", output.readline() if is_told else "")
     except BaseException:
         _end(process)
         raise
-    found = re.search(r"http://\S+", line)
     if found is None:
         _end(process)
         raise ArmguardError(
@@ -152,11 +147,6 @@ def launch(
             remedy="its own message, if any, stands on stderr",
         )
     return ViewProcess(process, found[0])
-
-
-def _read_line(stream: IO[str], lines: queue.Queue[str]) -> None:
-    with stream:
-        lines.put(stream.readline())
 
 
 def _end(process: subprocess.Popen[str], timeout: float = END_TIMEOUT) -> None:
