@@ -12,7 +12,6 @@ import ctypes
 import gc
 import os
 import resource
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -48,9 +47,6 @@ def request_realtime() -> Iterator[Realtime]:
 
     A thread that was started with real-time scheduling keeps its own policy and priority.
     """
-    if sys.platform != "linux":
-        yield Realtime(0, False, ("real-time scheduling and memory locking need Linux",))
-        return
     with contextlib.ExitStack() as undo:
         _sharpen_timer(undo)
         granted, refused = _schedule(undo)
@@ -65,8 +61,6 @@ def release_compiler() -> None:
     To be called when all kernels are there, and before memory is locked, which would keep it in RAM
     for good. Code that is called again is read from its file again.
     """
-    if sys.platform != "linux":
-        return
     madvise = ctypes.CDLL(None).madvise
     madvise.argtypes = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
     for line in _MAPS.read_text(errors="replace").splitlines():

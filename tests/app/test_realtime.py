@@ -17,11 +17,8 @@ from armguard.app.realtime import (
     OVERDUE,
     PRIORITY,
     IdleCollector,
-    Realtime,
     request_realtime,
 )
-
-linux = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 
 ANOTHER_USER = 65534
 
@@ -41,7 +38,6 @@ def see_all():
     )
 
 
-@linux
 def test_what_is_said_is_what_is_and_all_is_undone():
     before = see_all()
     with request_realtime() as granted:
@@ -58,7 +54,6 @@ def test_what_is_said_is_what_is_and_all_is_undone():
     assert see_all() == before
 
 
-@linux
 def test_neither_children_nor_threads_have_any_of_it():
     script = "import os; print(os.sched_getscheduler(0), open('/proc/self/status').read())"
     seen = []
@@ -72,7 +67,6 @@ def test_neither_children_nor_threads_have_any_of_it():
     assert int(child.stdout.split("VmLck:")[1].split()[0]) == 0
 
 
-@linux
 def test_a_thread_with_real_time_scheduling_keeps_its_own():
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(3))
@@ -106,7 +100,6 @@ print(*granted.refusals, sep="\\n")
 """
 
 
-@linux
 @pytest.mark.skipif(os.getuid() != 0, reason="needs the right to give up rights")
 @pytest.mark.parametrize(("limit", "priority"), [(0, 0), (4, 4), (30, 10)])
 def test_without_privileges_the_limits_count(limit, priority):
@@ -121,7 +114,6 @@ def test_without_privileges_the_limits_count(limit, priority):
     assert len(refusals) == 1 + (priority == 0)
 
 
-@linux
 @pytest.mark.parametrize(("limit", "expected"), [(4, 4), (10, 10), (30, 10), (0, 0), (-1, 0)])
 def test_a_limit_below_the_priority_is_made_use_of(limit, expected, monkeypatch):
     asked = []
@@ -138,7 +130,6 @@ def test_a_limit_below_the_priority_is_made_use_of(limit, expected, monkeypatch)
     assert max(asked) <= 10
 
 
-@linux
 def test_each_refusal_is_a_line_that_says_what_to_do(monkeypatch):
     def refuse(*arguments):
         raise PermissionError
@@ -158,7 +149,6 @@ def test_each_refusal_is_a_line_that_says_what_to_do(monkeypatch):
         assert all(word in line for word in words)
 
 
-@linux
 @pytest.mark.parametrize(
     ("limit", "capabilities", "namespace", "may"),
     [
@@ -181,13 +171,6 @@ def test_memory_is_locked_only_without_a_limit(
     monkeypatch.setattr(realtime, "_USER_MAP", user_map)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
     assert realtime._may_lock_all() == may
-
-
-def test_other_systems_say_so(monkeypatch):
-    monkeypatch.setattr(sys, "platform", "darwin")
-    with request_realtime() as granted:
-        assert granted == Realtime(0, False, granted.refusals)
-        assert len(granted.refusals) == 1
 
 
 COMPILER = """
@@ -217,7 +200,6 @@ assert double(3.0) == 6.0
 """
 
 
-@linux
 def test_the_compiler_takes_no_memory_and_is_there_where_it_is_called_again(tmp_path):
     program = tmp_path / "program.py"
     program.write_text(COMPILER)

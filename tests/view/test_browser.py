@@ -590,15 +590,6 @@ def test_no_text_from_data_is_markup(browser):
     page.close()
 
 
-def test_a_stop_tells_how_to_have_it_explained(feed, page):
-    stop = show_person("STOP")["verdict"]
-    feed.show("STOP", verdict=msgspec.structs.replace(stop, since=12.3456))
-    wait_for_text(page, "command", "armguard replay FILE --explain 12.345")
-    assert "start the run with --record FILE" in page.inner_text("#hint")
-    feed.show("CLEAR")
-    page.wait_for_selector("#why", state="hidden")
-
-
 def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
     """The first is held by a debugger, amid its work, as long as the second takes."""
     feed.show("CLEAR")
