@@ -477,15 +477,16 @@ def run(
             others=others,
         ),
     )
-    opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None
     observers = [] if observer is None else [observer]
-    own_authenticator = cell.make_authenticator() if authenticator is None else None
-    authenticator = authenticator or own_authenticator
-    try:
+    with contextlib.ExitStack() as resources:
+        if authenticator is None:
+            authenticator = cell.make_authenticator()
+            if authenticator is not None:
+                resources.enter_context(authenticator)
         if options.record is not None:
-            recorder = armguard.Recorder(options.record, monitor)
-            log = RunRecording(recorder, edge.faults, tell)
+            log = RunRecording(armguard.Recorder(options.record, monitor), edge.faults, tell)
+            resources.callback(log.close)
             observers.insert(0, log)
         inputs: list[Input] = []
         bound: dict[str, str] = {}
@@ -493,13 +494,13 @@ def run(
         for address in dict.fromkeys(addresses):
             source, bound[address] = _open_input(address, authenticator)
             inputs.append(source)
-            opened.append(source)
+            resources.callback(source.close)
         # Verdicts must not be valid for longer than they are.
         offset = edge.times.offset - edge.times.offset_error
         publisher = VerdictPublisher(
             options.verdicts_address, offset, authenticator, as_json=options.json_verdicts
         )
-        opened.append(publisher)
+        resources.callback(publisher.close)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)
             listening(
@@ -526,13 +527,6 @@ def run(
             return report
         log.recorder.write_pending()
         return report._replace(lost=log.recorder.lost)
-    finally:
-        if log is not None:
-            log.close()
-        for resource in opened:
-            resource.close()
-        if own_authenticator is not None:
-            own_authenticator.close()
 
 
 @contextlib.contextmanager
