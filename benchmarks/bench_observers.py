@@ -31,7 +31,7 @@ import numpy as np
 import zmq
 
 from armguard.app.cell import Cell
-from armguard.app.loop import RateLoop, RunRecording
+from armguard.app.loop import Observer, RateLoop, RunRecording
 from armguard.app.realtime import request_realtime
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
@@ -122,6 +122,22 @@ class TimedLoop(RateLoop):
         return verdict
 
 
+class Feeding(Observer):
+    """Feeds a view, as `armguard run --view` does."""
+
+    def __init__(self, feed):
+        self._feed = feed
+
+    def observe(self, loop, verdict):
+        """Note it, and publish a frame if one has waited for long."""
+        self._feed.note(verdict, loop.clock.now())
+        self.rest(loop, 0.0)
+
+    def rest(self, loop, idle):
+        """Publish a frame if one is due."""
+        self._feed.publish(loop.clock.now(), loop.durations, loop.late, idle=idle)
+
+
 class Contestant:
     """One case with all that belongs to it.
 
@@ -143,25 +159,18 @@ class Contestant:
         resources.callback(verdicts.close)
         self.pid = None
         self._is_stopped = case.startswith("stopped")
-        observe = rest = view = None
+        view, observers = None, []
         if "recorder" in case:
             recorder = Recorder(folder / "run.mcap", self._monitor)
             resources.callback(recorder.close)
             self.pid = recorder.pid
             if "not deferred" not in case:
-                recording = RunRecording(recorder, edge.faults, None, _ignore)
-                observe, rest = recording.observe, recording.rest
+                observers.append(RunRecording(recorder, edge.faults, _ignore))
         elif "view" in case:
             frames = resources.enter_context(FramePublisher(f"ipc://{folder}/frames"))
             feed = MonitorFeed(self._monitor, frames)
 
-            def rest(loop, idle):
-                feed.publish(clock.now(), loop.durations, loop.late, idle=idle)
-
-            def observe(loop, verdict):
-                feed.note(verdict, clock.now())
-                rest(loop, 0.0)
-
+            observers.append(Feeding(feed))
             if case != "no view":
                 view = launch(frames.address)
                 resources.callback(view.close)
@@ -173,7 +182,7 @@ class Contestant:
             reader.subscribe(b"")
             reader.connect(verdicts.address)
         self._loop = TimedLoop(
-            self._monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observe, rest
+            self._monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observers
         )
         self._loop.run(SETTLING)
         if case == "killed view":

@@ -95,7 +95,6 @@ WORDS = {
     "OperatingTable.acceleration": "the hardware's",
     "SourceTable.timeout": "`thresholds.source_timeout`",
     "EntranceTable.speed": "as `[bounds]` has it",
-    "EntranceTable.accel": "as `[bounds]` has it",
     "CellTables.settings_from": "a simulated visit to the arm",
 }
 """Defaults that are no values."""

@@ -24,7 +24,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from armguard import Monitor, Obstacles, Robot
 from armguard.app.loop import Durations
-from armguard.app.view_feed import MonitorFeed, Origin
+from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError
 from armguard.lab.demo import nodes
 from armguard.lab.demo.launcher import FLOOR
@@ -41,7 +41,7 @@ from armguard.view import (
     ViewProcess,
     launch,
 )
-from armguard.view.messages import FEED_VERSION, Latch, Message, StatusMessage
+from armguard.view.messages import FEED_VERSION, Latch, Message, Origin, StatusMessage
 
 FOLDER = Path(__file__).resolve().parent / "pictures"
 SIZE = (1280, 800)

@@ -12,11 +12,9 @@ import atexit
 import contextlib
 import dataclasses
 import difflib
-import functools
 import gc
 import importlib.metadata
 import io
-import operator
 import os
 import platform
 import sys
@@ -112,11 +110,11 @@ class Run:
     """The cell file."""
     arm: str | None = None
     """Which arm is watched, in a cell with several: one process for each."""
-    obstacles: Annotated[str | None, _default(OBSTACLES_ADDRESS)] = None
+    obstacles: str = OBSTACLES_ADDRESS
     """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
     joints: Annotated[str | None, _default(JOINTS_ADDRESS)] = None
     """Address to bind for joint states."""
-    verdicts: Annotated[str | None, _default(VERDICTS_ADDRESS)] = None
+    verdicts: str = VERDICTS_ADDRESS
     """Address to bind for readers of verdicts."""
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
@@ -143,28 +141,9 @@ class Run:
         """Run until the end of the duration, of standard input, or Ctrl-C."""
         if self.parent is not None:
             end_with(self.parent)
-        from armguard.app.loop import RunOptions
         from armguard.app.run import supervise
 
-        options = RunOptions(
-            self.obstacles or OBSTACLES_ADDRESS,
-            self.joints,
-            self.verdicts or VERDICTS_ADDRESS,
-            record=self.record,
-            duration=self.duration,
-            reset_token=self.reset_token,
-            realtime=not self.no_realtime,
-            json_verdicts=self.json_verdicts,
-        )
-        return supervise(
-            self.cell,
-            options,
-            arm=self.arm,
-            view_address=self.view,
-            as_json=self.json,
-            premises=self.premises,
-            quiet=self.quiet,
-        )
+        return supervise(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,8 +167,6 @@ class Replay:
     """When states of others were measured: as their headers say, or when they were recorded."""
     record: Path | None = None
     """Make a recording of a recording of others: a new MCAP file, or a folder for one."""
-    speed: float | None = None
-    """How many times as fast as it was; without it, as fast as possible."""
     explain: str | None = None
     """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
     what_if: str | None = None
@@ -209,39 +186,9 @@ class Replay:
 
     def run(self) -> int:
         """Replay; the exit code is 1 where verdicts differ."""
-        from armguard.app.replay import PageRequest, ReplayOptions, run_bag, run_replay
-        from armguard.recording.bags import BagInputs
+        from armguard.app.replay import replay
 
-        if self.json and self.csv == Path("-"):
-            raise ArmguardError(
-                "--csv -", "and --json both take standard output", expected="a file for the table"
-            )
-        page = None
-        if self.view or self.export is not None:
-            page = PageRequest(self.view, self.port, self.open, self.export)
-        options = ReplayOptions(self.speed, self.explain, self.csv, page, self.json)
-        if self.topics or self.cell is not None:
-            if not self.topics or self.cell is None:
-                missing = "--cell" if self.topics else "--topics"
-                raise ArmguardError(missing, "is missing: a recording of others needs both")
-            if self.what_if is not None:
-                raise ArmguardError(
-                    "--what-if", "is for armguard's own recordings", remedy="make one by --record"
-                )
-            inputs = BagInputs(self.topics, self.radius, self.snapshot, self.stamps)
-            return run_bag(self.file, self.cell, inputs, options, self.record)
-        of_others = {
-            "--radius": self.radius is not None,
-            "--snapshot": self.snapshot,
-            "--stamps": self.stamps != "header",
-            "--record": self.record is not None,
-        }
-        for name, is_given in of_others.items():
-            if is_given:
-                raise ArmguardError(
-                    name, "is for recordings of others", expected="--cell and --topics beside it"
-                )
-        return run_replay(self.file, options, self.what_if)
+        return replay(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -291,10 +238,9 @@ class Reset:
 
     def run(self) -> int:
         """Send the reset and wait for the answer."""
-        from armguard.app.run import read_key_files, send_reset
+        from armguard.app.run import send_reset
 
-        key_files = read_key_files(self.key, self.server_key)
-        return send_reset(self.address, self.token, key_files, self.arm, self.verdicts)
+        return send_reset(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -321,16 +267,9 @@ class View:
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        from armguard.app.run import read_key_files, show
+        from armguard.app.run import show
 
-        return show(
-            self.address,
-            self.port,
-            floor=self.floor,
-            open_browser=self.open,
-            host=self.host,
-            key_files=read_key_files(self.key, self.server_key),
-        )
+        return show(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -703,7 +642,7 @@ def _parse(arguments: Sequence[str] | None) -> Command:
     if not given:
         complain("a command is missing: `armguard --help` lists them")
         raise SystemExit(MISTAKE)
-    if not given[0].startswith("-") and given[0] not in COMMANDS:
+    if given[0] not in COMMANDS:
         near = difflib.get_close_matches(given[0], COMMANDS, 1)
         hint = f"did you mean {near[0]}?" if near else "`armguard --help` lists them"
         complain(f"there is no command {given[0]!r}: {hint}")
@@ -711,32 +650,16 @@ def _parse(arguments: Sequence[str] | None) -> Command:
     messages = io.StringIO()
     try:
         with contextlib.redirect_stderr(messages):
-            return tyro.cli(
-                tyro.conf.OmitSubcommandPrefixes[  # type: ignore[misc]  # a type made by a call
-                    functools.reduce(
-                        operator.or_,
-                        (
-                            Annotated[kind, tyro.conf.subcommand(name)]
-                            for name, kind in COMMANDS.items()
-                        ),
-                    )
-                ],
-                prog="armguard",
-                description="Real-time safety monitor for robot arms; no certified safety device. "
-                "`armguard --version` tells what is installed.",
-                args=arguments,
-            )
+            return tyro.cli(COMMANDS[given[0]], prog=f"armguard {given[0]}", args=given[1:])
     except SystemExit as end:
-        if end.code not in (0, None):
-            complain(_one_line(messages.getvalue()) + _suggest_options(given))
-            raise SystemExit(MISTAKE) from None
-        raise
+        if end.code in (0, None):
+            raise
+        complain(_one_line(messages.getvalue()) + _suggest_options(given))
+        raise SystemExit(MISTAKE) from None
 
 
 def _suggest_options(given: Sequence[str]) -> str:
     """The options nearest to those that a command does not have, as the end of a message."""
-    if given[0] not in COMMANDS:
-        return ""
     names = []
     for name, hint in get_type_hints(COMMANDS[given[0]], include_extras=True).items():
         extras = getattr(hint, "__metadata__", ())

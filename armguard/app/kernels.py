@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -115,16 +114,14 @@ def watch_a_moment(robot: Robot, **settings: Any) -> Monitor:
 def call_bounds(robot: Robot) -> None:
     """Ask each motion bound that users may ask."""
     q, v, link = middle(robot), np.zeros(len(robot.joints)), robot.links[-1]
-    for motion in list_motions(robot):
+    motions: tuple[Any, ...] = (
+        bounds.ReachMotion(robot),
+        bounds.IsotropicMotion(robot),
+        bounds.JointMotion(robot),
+        bounds.BrakingMotion(robot, 0.02),
+    )
+    for motion in motions:
         motion.advance(q, v, link, np.zeros(3), np.array([1.0, 0.0, 0.0]), 0.1)
-
-
-def list_motions(robot: Robot) -> Iterator[Any]:
-    """One of each."""
-    yield bounds.ReachMotion(robot)
-    yield bounds.IsotropicMotion(robot)
-    yield bounds.JointMotion(robot)
-    yield bounds.BrakingMotion(robot, 0.02)
 
 
 def call_contact() -> None:

@@ -103,6 +103,16 @@ class Resets(NamedTuple):
 NO_RESETS = Resets()
 
 
+class Observer:
+    """Sees what a loop does; nothing in it may block."""
+
+    def observe(self, loop: RateLoop, verdict: Verdict) -> None:
+        """Called with each verdict after it was published."""
+
+    def rest(self, loop: RateLoop, idle: float) -> None:
+        """Called where there is time before the next tick, in [s], for what can wait until then."""
+
+
 class RateLoop:
     """Steps a monitor at its rate from an edge and its inputs.
 
@@ -114,9 +124,7 @@ class RateLoop:
         publish: Takes each verdict; must never block.
         answer: Takes the number of each plan and reset that came, and the answer to it; must never
             block.
-        observe: Sees each verdict, with this loop, after it was published; must never block.
-        rest: Called with this loop where there is time before the next tick, in [s], for what can
-            wait until then; must never block.
+        observers: Told of each verdict and of time to rest, one after the other.
 
     Attributes:
         monitor: What is stepped.
@@ -134,8 +142,7 @@ class RateLoop:
         clock: Clock,
         publish: Callable[[Verdict], None],
         answer: Callable[[int, PlanVerdict | ResetVerdict], None],
-        observe: Callable[[RateLoop, Verdict], None] | None = None,
-        rest: Callable[[RateLoop, float], None] | None = None,
+        observers: Sequence[Observer] = (),
     ) -> None:
         self.monitor = monitor
         self._edge = edge
@@ -143,8 +150,7 @@ class RateLoop:
         self.clock = clock
         self._publish = publish
         self._answer = answer
-        self._observe = observe
-        self._rest = rest
+        self._observers = observers
         self.durations = Durations()
         self._drain, self._step, self._sending = Durations(), Durations(), Durations()
         self._ticks = 0
@@ -175,8 +181,8 @@ class RateLoop:
             while tick * period < duration and not was_interrupted():
                 deadline = start + tick * period
                 if end < deadline:
-                    if self._rest is not None:
-                        self._rest(self, deadline - end)
+                    for observer in self._observers:
+                        observer.rest(self, deadline - end)
                         end = clock.now()
                     collector.collect(deadline - end)
                     clock.sleep_until(deadline)
@@ -231,8 +237,8 @@ class RateLoop:
         for request in edge.requests.plans:
             is_newest = request is edge.requests.plans[-1]
             self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))
-        if self._observe is not None:
-            self._observe(self, verdict)
+        for observer in self._observers:
+            observer.observe(self, verdict)
         return verdict
 
     def _take_exemption(self, request: ExemptionRequest) -> None:
@@ -281,7 +287,7 @@ RECORDING_CHECK_INTERVAL = 1.0
 """Between two looks whether a recording is still being written, in [s]."""
 
 
-class RunRecording:
+class RunRecording(Observer):
     """What a run adds to the recording of its monitor.
 
     Verdicts while there is no joint state to judge, and lines about messages that could not be
@@ -290,23 +296,17 @@ class RunRecording:
     Args:
         recorder: Is closed with this.
         faults: What tells of faulty messages.
-        observe: Sees each verdict afterwards; None: nothing does.
         tell: Takes a line for people; None: it is logged.
-        rest: Called between ticks afterwards; None: nothing is.
     """
 
     def __init__(
         self,
         recorder: armguard.Recorder,
         faults: FaultLog,
-        observe: Callable[[RateLoop, Verdict], None] | None,
         tell: Callable[[str], None] | None,
-        rest: Callable[[RateLoop, float], None] | None = None,
     ) -> None:
         self.recorder = recorder
-        self._rest = rest
         recorder.defer()
-        self._observe = observe
         self._tell = logger.warning if tell is None else tell
         self._is_gap_told = False
         self._trouble, self._next_check = "", -math.inf
@@ -322,17 +322,12 @@ class RunRecording:
         # A loop that never rests looks all the same.
         if loop.clock.now() >= self._next_check + RECORDING_CHECK_INTERVAL:
             self._check_writer(loop)
-        if self._observe is not None:
-            self._observe(loop, verdict)
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Write what was left for when there is time, and let others have what is left of it."""
-        begin = loop.clock.now()
+        """Write what was left for when there is time."""
         self.recorder.write_pending()
-        if begin >= self._next_check:
+        if loop.clock.now() >= self._next_check:
             self._check_writer(loop)
-        if self._rest is not None:
-            self._rest(loop, idle - (loop.clock.now() - begin))
 
     def _check_writer(self, loop: RateLoop) -> None:
         """Tell, once, of what keeps the recording from being written, and when that is over."""
@@ -424,8 +419,7 @@ def run(
     options: RunOptions,
     *,
     authenticator: Authenticator | None = None,
-    observe: Callable[[RateLoop, Verdict], None] | None = None,
-    rest: Callable[[RateLoop, float], None] | None = None,
+    observer: Observer | None = None,
     prepared: Callable[[Monitor], None] | None = None,
     listening: Callable[[Mapping[str, str]], None] | None = None,
     tell: Callable[[str], None] | None = None,
@@ -436,8 +430,7 @@ def run(
         cell: Robot, obstacles and monitor.
         options: Addresses, and what else is asked of the run.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
-        observe: Sees each verdict, with the loop, after it was published; must not block.
-        rest: Called with the loop where there is time before the next tick, in [s]; must not block.
+        observer: Sees what the loop does.
         prepared: Called with the monitor when everything is compiled, before the first tick.
         listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
             before the first tick.
@@ -484,28 +477,30 @@ def run(
             others=others,
         ),
     )
-    opened: list[Input | VerdictPublisher] = []
     log: RunRecording | None = None
-    own_authenticator = cell.make_authenticator() if authenticator is None else None
-    authenticator = authenticator or own_authenticator
-    try:
+    observers = [] if observer is None else [observer]
+    with contextlib.ExitStack() as resources:
+        if authenticator is None:
+            authenticator = cell.make_authenticator()
+            if authenticator is not None:
+                resources.enter_context(authenticator)
         if options.record is not None:
-            recorder = armguard.Recorder(options.record, monitor)
-            log = RunRecording(recorder, edge.faults, observe, tell, rest)
-            observe, rest = log.observe, log.rest
+            log = RunRecording(armguard.Recorder(options.record, monitor), edge.faults, tell)
+            resources.callback(log.close)
+            observers.insert(0, log)
         inputs: list[Input] = []
         bound: dict[str, str] = {}
         addresses = _inputs(options)
         for address in dict.fromkeys(addresses):
             source, bound[address] = _open_input(address, authenticator)
             inputs.append(source)
-            opened.append(source)
+            resources.callback(source.close)
         # Verdicts must not be valid for longer than they are.
         offset = edge.times.offset - edge.times.offset_error
         publisher = VerdictPublisher(
             options.verdicts_address, offset, authenticator, as_json=options.json_verdicts
         )
-        opened.append(publisher)
+        resources.callback(publisher.close)
         if listening is not None:
             obstacles_bound, joints_bound = (bound[address] for address in addresses)
             listening(
@@ -517,7 +512,7 @@ def run(
             )
         note = None if log is None else log.recorder.note
         loop = RateLoop(
-            monitor, edge, inputs, clock, publisher.publish, publisher.answer, observe, rest
+            monitor, edge, inputs, clock, publisher.publish, publisher.answer, observers
         )
         release_compiler()
         with _ending_with_a_stop(publisher, clock, note):
@@ -532,13 +527,6 @@ def run(
             return report
         log.recorder.write_pending()
         return report._replace(lost=log.recorder.lost)
-    finally:
-        if log is not None:
-            log.close()
-        for resource in opened:
-            resource.close()
-        if own_authenticator is not None:
-            own_authenticator.close()
 
 
 @contextlib.contextmanager

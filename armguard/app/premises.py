@@ -1,7 +1,7 @@
 """What every verdict rests on: the premises that a run prints, in a line each.
 
 A CLEAR is a proof, and a proof has premises. armguard checks what it can of them; the rest is up to
-whoever builds the cell. `docs/make_safety.py` writes the page of safety notes from the same texts.
+whoever builds the cell. docs/safety.md explains each.
 """
 
 from __future__ import annotations
@@ -18,83 +18,23 @@ from armguard.robot.operating_limits import PUBLISHED
 
 
 class Premise(enum.Enum):
-    """Something that has to be true for verdicts to hold.
+    """Something that has to be true for verdicts to hold; the value says it in one line."""
 
-    Attributes:
-        text: It, in one line.
-        explanation: What it means, and what armguard checks of it. Markdown, for the page.
-    """
-
-    LIMITS = (
-        "the arm's limits hold in every mode, emergency brakes included",
-        "No joint accelerates or brakes harder than its acceleration limit, and the arm surely "
-        "stops as `[[brakes]]` in `robot.toml` says for its payload and speed; while it brakes it "
-        "gets no faster and does not turn round. Joint states beyond a limit are a STOP. Panda's "
-        "figures are derived, not published, and hold up to 1 kg: read "
-        "[robots/panda/README.md](../robots/panda/README.md).",
-    )
-    PAYLOAD = (
-        "the arm carries no more than the payload that is stated",
-        "Without a `payload` that is the heaviest of the table of its brakes. armguard cannot see "
-        "what the arm holds.",
-    )
-    OPERATING = (
-        "the controller keeps to its operating limits, where any are stated",
-        "It enforces them; armguard tests every joint state against them, which finds a break "
-        "late ([the controller](controller.md#limits-that-the-controller-keeps-to)).",
-    )
+    LIMITS = "the arm's limits hold in every mode, emergency brakes included"
+    PAYLOAD = "the arm carries no more than the payload that is stated"
+    OPERATING = "the controller keeps to its operating limits, where any are stated"
     OTHER_ARMS = (
-        "the other arms of the cell keep to their operating limits, and to the plans they share",
-        "Each is an obstacle by what its joints can do, by its hardware's limits where no "
-        "operating limits are stated, and stands where the cell says. Where it shares a plan, it "
-        "does nothing else for as long as it promises. Its joint states are tested against all of "
-        "that, which finds a break late ([Several arms](several_arms.md#what-is-counted-on)).",
+        "the other arms of the cell keep to their operating limits, and to the plans they share"
     )
-    DRAWN_LINKS = (
-        "links of other arms that are only drawn are not there, unless named in [statics]",
-        "A link without collision geometry has no shape that could be relied on. `armguard run` "
-        "names those of the other arms; one that stands belongs in `[statics]`, one that moves "
-        "needs a collision element or `collision_from_visual` ([Several "
-        "arms](several_arms.md#in-a-cell-file)).",
-    )
-    OBEDIENCE = (
-        "the controller brakes on STOP, and where no verdict is valid any more",
-        "It does so within `reaction_time` of a STOP, and of `valid_until` of the last verdict "
-        "([what a controller must do](deploy.md#what-a-controller-must-do)).",
-    )
+    DRAWN_LINKS = "links of other arms that are only drawn are not there, unless named in [statics]"
+    OBEDIENCE = "the controller brakes on STOP, and where no verdict is valid any more"
     OBSTACLES = (
-        "obstacles keep to their bounds, and lie within the shapes and errors that are stated",
-        "The default bounds cover the trunk and the head of people at work, not their hands: "
-        "[People](people.md) has bounds for each part of a body, and how often people broke them. "
-        "A bound that is seen to break is counted with 1.5 times what was seen, and said.",
+        "obstacles keep to their bounds, and lie within the shapes and errors that are stated"
     )
-    FIRST_SIGHT = (
-        "what no source reports is not there, except behind a named entrance",
-        "The guarantee for an obstacle begins when it is first reported. A depth camera sees "
-        "surfaces, not what is behind them ([What is not seen](sensors.md)).",
-    )
-    EXEMPTIONS = (
-        "contact that is ignored does no harm",
-        "What `ignore` names is not watched, for good or for as long as it was asked for; verdicts "
-        "tell what is left out for the time being. Who asks for it answers for it.",
-    )
-    CLOCKS = (
-        "stamps are right within the stated clock errors, and latencies no longer than stated",
-        "Of each source and of the joint states, in the cell file. Silence and stamps from the "
-        "future are a STOP.",
-    )
-    PLACEMENT = (
-        "the arm is where its URDF and base placement say, with the tools that they say",
-        "A tool or a grasped part that armguard is not told of is not watched. Links that no "
-        "watched joint moves are not watched either.",
-    )
-
-    text: str
-    explanation: str
-
-    def __init__(self, text: str, explanation: str) -> None:
-        self.text = text
-        self.explanation = explanation
+    FIRST_SIGHT = "what no source reports is not there, except behind a named entrance"
+    EXEMPTIONS = "contact that is ignored does no harm"
+    CLOCKS = "stamps are right within the stated clock errors, and latencies no longer than stated"
+    PLACEMENT = "the arm is where its URDF and base placement say, with the tools that they say"
 
 
 def list_premises(
@@ -111,7 +51,7 @@ def list_premises(
         drawn = [f"{arm} {link}" for arm, links in others.items() for link in links]
         figures[Premise.DRAWN_LINKS] = f"not watched against: {', '.join(drawn) or 'none'}"
     return [
-        f"premise: {premise.text}{f' ({figures[premise]})' if premise in figures else ''}"
+        f"premise: {premise.value}{f' ({figures[premise]})' if premise in figures else ''}"
         for premise in Premise
     ]
 

@@ -12,19 +12,15 @@ import ctypes
 import gc
 import os
 import resource
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from armguard.clock import Clock
-from armguard.exceptions import ArmguardError
 
 PRIORITY = 10
-"""Before all ordinary work, and after whatever else on the machine was given more thought."""
-
-MAXIMUM_PRIORITY = 49
-"""The kernel's interrupt threads have 50: a process that keeps them waiting waits for them."""
+"""Before all ordinary work, and after whatever else on the machine was given more thought: after
+the kernel's interrupt threads (50), for which a process that keeps them waiting waits."""
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _MADV_DONTNEED = 4
@@ -46,27 +42,14 @@ class Realtime(NamedTuple):
 
 
 @contextlib.contextmanager
-def request_realtime(priority: int = PRIORITY) -> Iterator[Realtime]:
+def request_realtime() -> Iterator[Realtime]:
     """Inside, the calling thread has what the system grants; afterwards all is as before.
 
     A thread that was started with real-time scheduling keeps its own policy and priority.
-
-    Args:
-        priority: From 1 to `MAXIMUM_PRIORITY`; less where the limit on it is lower.
-
-    Raises:
-        ArmguardError: No such priority.
     """
-    if not 1 <= priority <= MAXIMUM_PRIORITY:
-        raise ArmguardError(
-            "real-time priority", f"is {priority}", expected=f"1 to {MAXIMUM_PRIORITY}"
-        )
-    if sys.platform != "linux":
-        yield Realtime(0, False, ("real-time scheduling and memory locking need Linux",))
-        return
     with contextlib.ExitStack() as undo:
         _sharpen_timer(undo)
-        granted, refused = _schedule(priority, undo)
+        granted, refused = _schedule(undo)
         unlocked = _lock_memory(undo)
         refusals = tuple(line for line in (refused, unlocked) if line)
         yield Realtime(granted, not unlocked, refusals)
@@ -78,8 +61,6 @@ def release_compiler() -> None:
     To be called when all kernels are there, and before memory is locked, which would keep it in RAM
     for good. Code that is called again is read from its file again.
     """
-    if sys.platform != "linux":
-        return
     madvise = ctypes.CDLL(None).madvise
     madvise.argtypes = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
     for line in _MAPS.read_text(errors="replace").splitlines():
@@ -98,7 +79,7 @@ def _sharpen_timer(undo: contextlib.ExitStack) -> None:
         undo.callback(prctl, _PR_SET_TIMERSLACK, before, 0, 0, 0)
 
 
-def _schedule(priority: int, undo: contextlib.ExitStack) -> tuple[int, str]:
+def _schedule(undo: contextlib.ExitStack) -> tuple[int, str]:
     """The priority granted, 0 if none; and if none, why."""
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     policy = before & ~os.SCHED_RESET_ON_FORK
@@ -107,7 +88,7 @@ def _schedule(priority: int, undo: contextlib.ExitStack) -> tuple[int, str]:
     else:
         policy = os.SCHED_FIFO
         limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-        wanted = [priority, *([limit] if 0 < limit < priority else [])]
+        wanted = [PRIORITY, *([limit] if 0 < limit < PRIORITY else [])]
     for level in wanted:
         try:
             os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_param(level))
@@ -117,7 +98,7 @@ def _schedule(priority: int, undo: contextlib.ExitStack) -> tuple[int, str]:
         return level, ""
     return 0, (
         "real-time scheduling is refused, so ticks may come late on a busy machine; to allow it: "
-        f"`ulimit -r {priority}`, `rtprio {priority}` in /etc/security/limits.conf, or CAP_SYS_NICE"
+        f"`ulimit -r {PRIORITY}`, `rtprio {PRIORITY}` in /etc/security/limits.conf, or CAP_SYS_NICE"
     )
 
 

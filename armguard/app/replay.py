@@ -16,7 +16,7 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
@@ -25,7 +25,7 @@ from armguard.app.cell.cell import Cell
 from armguard.app.loop import Durations
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import make_console, print_json
-from armguard.app.view_feed import MonitorFeed, Origin
+from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.recording.bags import BagInputs, BagRun
@@ -35,9 +35,12 @@ from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
 from armguard.robot.description import list_robots
 from armguard.verdict import Level, Verdict, find_weightiest
 from armguard.view.export import check_export
-from armguard.view.messages import StatusMessage
-from armguard.view.process import ViewProcess, launch
+from armguard.view.messages import Origin, StatusMessage
+from armguard.view.process import launch
 from armguard.view.publisher import FramePublisher
+
+if TYPE_CHECKING:
+    from armguard.app import cli
 
 COLUMNS = (
     "time",
@@ -59,64 +62,10 @@ COLUMNS = (
 
 PAIRS_SHOWN = 5
 
-PAGE_CHECK_INTERVAL = 0.25
-"""Between two checks that the page is still served, in [s]."""
-
 EXPORT_TIMEOUT = 120.0
 """How long the page's process may take to write its export, in [s]."""
 
 STANDARD_OUTPUT = Path("-")
-
-
-class PageRequest(NamedTuple):
-    """What page a replay is to be shown in."""
-
-    is_shown: bool = True
-    """Whether its address is told, and it stays until Ctrl-C; else it is there for its export."""
-    port: int = 0
-    """TCP port on 127.0.0.1; 0: any that is free."""
-    opens_browser: bool = False
-    """Whether to open it."""
-    export: Path | None = None
-    """Where to write a file that plays offline; None: nowhere."""
-
-    def check(self) -> None:
-        """Refuse an export that cannot be written.
-
-        Raises:
-            ArmguardError: There is no place for it.
-        """
-        if self.export is not None:
-            check_export(self.export)
-
-
-class ReplayOptions(NamedTuple):
-    """How a recording is replayed, and what is made of it."""
-
-    speed: float | None = None
-    """How many times as fast as it was; None: as fast as possible."""
-    explain: str | None = None
-    """A time of the verdict that is to be explained; None: none is."""
-    csv_file: Path | None = None
-    """Where a table of all verdicts goes; "-" is standard output; None: nowhere."""
-    page: PageRequest | None = None
-    """Show the cell in a browser page; None: in none."""
-    as_json: bool = False
-    """Print one JSON object instead of words."""
-
-    def check(self, path: Path) -> None:
-        """Refuse files that cannot be written, or that would stand in the recording's place.
-
-        Raises:
-            ArmguardError: One is such a file.
-        """
-        check_table(self.csv_file, path)
-        if self.page is not None:
-            self.page.check()
-
-    def make_console(self) -> Console:
-        """What words are printed on; a table on standard output stays one."""
-        return make_console(stderr=self.csv_file == STANDARD_OUTPUT, soft_wrap=True)
 
 
 class Stop(NamedTuple):
@@ -131,102 +80,115 @@ class Stop(NamedTuple):
     """Of these, how many are a STOP in the replay as well."""
 
 
-def run_replay(path: Path, options: ReplayOptions, what_if: str | None = None) -> int:
-    """Replay a recording and print what was found.
+def replay(wishes: cli.Replay) -> int:
+    """Replay a recording, of armguard's own or of others, and print what was found.
 
     Args:
-        path: The recording.
-        options: How.
-        what_if: Settings to be changed, as "latency=0.01,operating.velocity=0.3".
+        wishes: What the command line says.
 
     Returns:
-        The exit code: 0, or 1 where verdicts differ or could not all be compared.
+        The exit code: 0, or 1 where verdicts differ or could not all be compared, or where what
+        was recorded is not complete.
 
     Raises:
-        ArmguardError: The file or an argument is unusable.
+        ArmguardError: A file or an option is unusable.
     """
-    options.check(path)
-    recording = Recording(path)
-    changes = {} if what_if is None else read_changes(what_if)
-    if options.page is not None:
+    is_of_others = bool(wishes.topics) or wishes.cell is not None
+    check_options(wishes, is_of_others=is_of_others)
+    return replay_bag(wishes) if is_of_others else replay_own(wishes)
+
+
+def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
+    """Refuse options that contradict each other, and files that cannot be written.
+
+    Args:
+        wishes: What the command line says.
+        is_of_others: Whether the recording is none of armguard's own.
+
+    Raises:
+        ArmguardError: There is such an option or file.
+    """
+    if wishes.json and wishes.csv == STANDARD_OUTPUT:
+        raise ArmguardError(
+            "--csv -", "and --json both take standard output", expected="a file for the table"
+        )
+    if is_of_others and not (wishes.topics and wishes.cell):
+        missing = "--cell" if wishes.topics else "--topics"
+        raise ArmguardError(missing, "is missing: a recording of others needs both")
+    if is_of_others and wishes.what_if is not None:
+        raise ArmguardError(
+            "--what-if", "is for armguard's own recordings", remedy="make one by --record"
+        )
+    for name in ("radius", "snapshot", "stamps", "record"):
+        usual = type(wishes).__dataclass_fields__[name].default
+        if not is_of_others and getattr(wishes, name) != usual:
+            raise ArmguardError(
+                f"--{name}", "is for recordings of others", expected="--cell and --topics beside it"
+            )
+    check_table(wishes.csv, wishes.file)
+    if wishes.export is not None:
+        check_export(wishes.export)
+
+
+def replay_own(wishes: cli.Replay) -> int:
+    """As `replay`, of a recording that `--record` or a `Recorder` wrote."""
+    recording = Recording(wishes.file)
+    changes = {} if wishes.what_if is None else read_changes(wishes.what_if)
+    if shows_page(wishes):
         check_drawable(str(recording.robot.get("name")))
-    replay = Replay(recording, changes)
-    stops, watch, took = lead(replay.monitor, replay.ticks(), options)
-    report = replay.report()
-    if options.as_json:
-        summary = summarise(report, stops, took, changes)
-        if watch.found is not None:
-            summary["explained"] = "\n".join(explain_tick(replay.monitor, watch))
-        print_json(lambda: summary)
+    run = Replay(recording, changes)
+    stops, watch, took = lead(run.monitor, run.ticks(), wishes)
+    report, explained = run.report(), explain_tick(run.monitor, watch)
+    if wishes.json:
+        print_json(lambda: summarise(report, stops, took, changes) | describe_explained(explained))
     else:
-        console = options.make_console()
-        if watch.found is not None:
-            for line in explain_tick(replay.monitor, watch):
-                console.print(line)
-        elif changes:
+        console = make_words_console(wishes)
+        for line in explained:
+            console.print(line)
+        if changes and not explained:
             print_changes(console, stops, changes)
-        else:
+        elif not explained:
             print_replay(console, recording, report, stops, took)
-    if changes or watch.found is not None:
-        return 0
-    return 0 if report.is_identical else COMPLAINT
+    return 0 if changes or explained or report.is_identical else COMPLAINT
 
 
-def run_bag(
-    path: Path,
-    cell_file: Path,
-    inputs: BagInputs,
-    options: ReplayOptions,
-    record: Path | None = None,
-) -> int:
-    """Lead a cell's monitor through a recording of others, and print what it said.
-
-    Args:
-        path: A rosbag2 folder or an MCAP file.
-        cell_file: The cell.
-        inputs: What of it is input.
-        options: How.
-        record: Where to write a recording of armguard's own; None: nowhere.
-
-    Returns:
-        The exit code.
-
-    Raises:
-        ArmguardError: The files or an argument are unusable.
-    """
-    if record is not None:
-        check_new(record)
-    options.check(path)
-    cell = Cell.load(cell_file)
+def replay_bag(wishes: cli.Replay) -> int:
+    """As `replay`: a cell's monitor is led through a recording of others."""
+    if wishes.record is not None:
+        check_new(wishes.record)
+    assert wishes.cell is not None, "checked"
+    cell = Cell.load(wishes.cell)
     _, _, monitor = cell.build()
-    bag = BagRun(path, monitor, inputs)
+    inputs = BagInputs(wishes.topics, wishes.radius, wishes.snapshot, wishes.stamps)
+    bag = BagRun(wishes.file, monitor, inputs)
+    problem = ""
     with contextlib.ExitStack() as resources:
-        if record is not None:
-            recorder = resources.enter_context(Recorder(record, monitor))
-        stops, watch, took = lead(monitor, bag.ticks(), options, cell.urdf)
-        problem = recorder.close() if record is not None else ""
+        recorder = None
+        if wishes.record is not None:
+            recorder = resources.enter_context(Recorder(wishes.record, monitor))
+        stops, watch, took = lead(monitor, bag.ticks(), wishes, cell.urdf)
+        if recorder is not None:
+            problem = recorder.close()
     explained = explain_tick(monitor, watch)
-    if options.as_json:
-        summary: dict[str, Any] = {
+    if wishes.json:
+        found = {
             "ticks": stops.ticks,
             "seconds": stops.seconds,
             "took": took,
             "stops": [stop._asdict() for stop in stops.stops],
             "passed_over": bag.passed_over,
         }
-        if explained:
-            summary["explained"] = "\n".join(explained)
-        print_json(lambda: summary)
+        print_json(lambda: found | describe_explained(explained))
     else:
-        console = options.make_console()
         lines = explained or [
-            f"{path}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s"
+            f"{wishes.file}: {stops.ticks} verdicts, {len(stops.stops)} stops in "
+            f"{stops.seconds:.1f} s",
+            *(f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops),
         ]
-        if not explained:
-            lines += [f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops]
         lines += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
         if monitor.choice is not None:
             lines += [f"settings chosen: {line}" for line in monitor.choice.summary]
+        console = make_words_console(wishes)
         for line in lines:
             console.print(line)
     if problem:
@@ -234,10 +196,25 @@ def run_bag(
     return COMPLAINT if problem else 0
 
 
+def shows_page(wishes: cli.Replay) -> bool:
+    """Whether there is a page, be it for the sake of its export alone."""
+    return wishes.view or wishes.export is not None
+
+
+def make_words_console(wishes: cli.Replay) -> Console:
+    """What words are printed on; a table on standard output stays one."""
+    return make_console(stderr=wishes.csv == STANDARD_OUTPUT, soft_wrap=True)
+
+
+def describe_explained(lines: list[str]) -> dict[str, str]:
+    """What `--json` says of the verdict that was to be explained."""
+    return {"explained": "\n".join(lines)} if lines else {}
+
+
 def lead(
     monitor: Monitor,
     ticks: Iterator[ReplayedTick],
-    options: ReplayOptions,
+    wishes: cli.Replay,
     urdf: tuple[str, list[str]] = ("", []),
 ) -> tuple[StopList, Watch, float]:
     """Take all ticks, or those up to the one that is to be explained.
@@ -245,7 +222,7 @@ def lead(
     Args:
         monitor: What gives them.
         ticks: Makes the next when it is asked for.
-        options: How.
+        wishes: What the command line says.
         urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
             knows.
 
@@ -255,25 +232,23 @@ def lead(
     Raises:
         ArmguardError: There is no verdict at the time that is to be explained.
     """
-    stops, watch = StopList(), Watch(options.explain)
-    pace = Pace(options.speed)
+    stops, watch = StopList(), Watch(wishes.explain)
     begin = time.monotonic()
     with contextlib.ExitStack() as resources:
         observers: list[Callable[[ReplayedTick], None]] = [stops.take, watch.take]
-        if options.csv_file is not None:
-            observers.append(resources.enter_context(open_table(options.csv_file)))
-        if options.page is not None:
-            observers.append(resources.enter_context(show_page(monitor, urdf, options.page)))
+        if wishes.csv is not None:
+            observers.append(resources.enter_context(open_table(wishes.csv)))
+        if shows_page(wishes):
+            observers.append(resources.enter_context(show_page(monitor, urdf, wishes)))
         for tick in ticks:
-            pace.wait(tick.nanoseconds)
             for observe in observers:
                 observe(tick)
             if watch.found is not None:
                 break
-    if options.explain is not None and watch.found is None:
+    if wishes.explain is not None and watch.found is None:
         raise ArmguardError(
             "--explain",
-            f"is {options.explain}",
+            f"is {wishes.explain}",
             expected=f"a time from {watch.first} to {watch.last}",
         )
     return stops, watch, time.monotonic() - begin
@@ -328,34 +303,6 @@ def read_changes(text: str) -> dict[str, str]:
             )
         changes[name.strip()] = value.strip()
     return changes
-
-
-class Pace:
-    """Waits so that a replay is as fast as is asked.
-
-    Args:
-        speed: How many times as fast as the recording; None: never wait.
-
-    Raises:
-        ArmguardError: It is no number above 0.
-    """
-
-    def __init__(self, speed: float | None) -> None:
-        if speed is not None and not 0.0 < speed < math.inf:
-            raise ArmguardError("--speed", f"is {speed}", expected="a number above 0")
-        self._speed = speed
-        self._start: tuple[float, int] | None = None
-
-    def wait(self, nanoseconds: int) -> None:
-        """Return when what was recorded then is due."""
-        if self._speed is None:
-            return
-        if self._start is None:
-            self._start = time.monotonic(), nanoseconds
-        begin, first = self._start
-        remaining = begin + 1e-9 * (nanoseconds - first) / self._speed - time.monotonic()
-        if remaining > 0.0:
-            time.sleep(remaining)
 
 
 class StopList:
@@ -624,7 +571,7 @@ def _telling_write_errors(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def show_page(
-    monitor: Monitor, urdf: tuple[str, list[str]], page: PageRequest
+    monitor: Monitor, urdf: tuple[str, list[str]], wishes: cli.Replay
 ) -> Iterator[Callable[[ReplayedTick], None]]:
     """A page that shows what the replayed monitor sees; what takes its ticks.
 
@@ -636,13 +583,15 @@ def show_page(
         publisher = resources.enter_context(
             FramePublisher(f"ipc://{folder}/frames", is_patient=True)
         )
-        process = launch(publisher.address, page.port, export=page.export)
+        process = launch(publisher.address, wishes.port, export=wishes.export)
         resources.callback(process.close, EXPORT_TIMEOUT)
-        if page.is_shown:
+        if wishes.view:
             make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
-        if page.opens_browser:
+        if wishes.open:
             webbrowser.open(process.url)
-        feed = MonitorFeed(monitor, publisher, Origin(*urdf, is_recorded=True))
+        path, folders = urdf
+        origin = Origin(urdf=path, package_dirs=tuple(folders), is_recorded=True)
+        feed = MonitorFeed(monitor, publisher, origin)
         durations = Durations()
 
         def take(tick: ReplayedTick) -> None:
@@ -650,15 +599,9 @@ def show_page(
 
         yield take
         publisher.publish_status(StatusMessage(text="the recording ends here", is_over=True))
-        if page.is_shown:
+        if wishes.view:
             make_console(stderr=True).print(
                 "all is read; the page stays until Ctrl-C", soft_wrap=True
             )
-            stay(process)
-
-
-def stay(page: ViewProcess) -> None:
-    """Return when the page has ended, or at Ctrl-C."""
-    with contextlib.suppress(KeyboardInterrupt):
-        while page.running:
-            time.sleep(PAGE_CHECK_INTERVAL)
+            with contextlib.suppress(KeyboardInterrupt):
+                process.wait()

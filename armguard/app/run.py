@@ -6,7 +6,6 @@ import contextlib
 import re
 import shlex
 import socket
-import time
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ import msgspec
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
-from armguard.app.loop import RateLoop, RunOptions, run
+from armguard.app.loop import Observer, RateLoop, RunOptions, run
 from armguard.app.premises import describe_missing_limits, list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
 from armguard.app.service import ServiceNotifier
@@ -36,9 +35,9 @@ from armguard.streams.addresses import (
 from armguard.streams.keys import Keys, write_new_pair
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import ResetVerdict, Verdict
-from armguard.view.listening import LOOPBACK
 
 if TYPE_CHECKING:
+    from armguard.app import cli
     from armguard.app.view_feed import MonitorFeed
     from armguard.view.publisher import FramePublisher
 
@@ -48,81 +47,69 @@ REACH_TIMEOUT = 3.0
 PROGRESS_INTERVAL = 2.0
 """Between two lines about the progress of long work where there is no terminal, in [s]."""
 
-PAGE_CHECK_INTERVAL = 0.25
-"""Between two checks that the page is still served, in [s]."""
 
-
-def supervise(
-    cell_file: Path,
-    options: RunOptions,
-    *,
-    arm: str | None = None,
-    view_address: str | None = None,
-    as_json: bool = False,
-    premises: bool = False,
-    quiet: bool = False,
-) -> int:
-    """Supervise a cell until the end, and print the summary.
+def supervise(wishes: cli.Run) -> int:
+    """Supervise a cell until the end, and print the summary; the exit code.
 
     Args:
-        cell_file: The cell.
-        options: Addresses, and what else is asked of the run.
-        arm: Which of its arms is watched, if it has several.
-        view_address: Bound for views; None: no feed.
-        as_json: Print one JSON object instead of a table.
-        premises: Whether every premise is told, not only how many there are.
-        quiet: Tell neither addresses nor changes of level on standard error.
-
-    Returns:
-        The exit code.
+        wishes: What the command line says.
 
     Raises:
         ArmguardError: The cell cannot be made, or an address cannot be used.
     """
-    if not options.duration > 0.0:
-        raise ArmguardError("--duration", f"is {options.duration}", expected="seconds above 0")
-    cell = Cell.load(cell_file, arm)
-    record, reset_token = options.record, options.reset_token
-    if record is not None:
+    if not wishes.duration > 0.0:
+        raise ArmguardError("--duration", f"is {wishes.duration}", expected="seconds above 0")
+    cell = Cell.load(wishes.cell, wishes.arm)
+    if wishes.record is not None:
         # Loaded where a recording is asked for, by no other run.
         from armguard.recording.recorder import check_new
 
-        check_new(record)
-    inputs = (options.obstacles_address, options.joints_address or JOINTS_ADDRESS)
+        check_new(wishes.record)
+    options = RunOptions(
+        wishes.obstacles,
+        wishes.joints,
+        wishes.verdicts,
+        record=wishes.record,
+        duration=wishes.duration,
+        reset_token=wishes.reset_token,
+        realtime=not wishes.no_realtime,
+        json_verdicts=wishes.json_verdicts,
+    )
+    inputs = (wishes.obstacles, wishes.joints or JOINTS_ADDRESS)
     console = make_console(stderr=True)
     with contextlib.ExitStack() as resources:
         # Mistakes are told before anything is compiled.
         authenticator = cell.make_authenticator()
         if authenticator is not None:
             resources.enter_context(authenticator)
-        for address in {*(one for one in inputs if one != "-"), options.verdicts_address}:
+        for address in {*(one for one in inputs if one != "-"), wishes.verdicts}:
             check_address(address, has_keys=authenticator is not None)
             check_free(address)
         publisher: FramePublisher | None = None
-        if view_address is not None:
+        if wishes.view is not None:
             # What feeds a view is loaded where there is an address for one.
             from armguard.view.publisher import FramePublisher
 
-            publisher = resources.enter_context(FramePublisher(view_address, authenticator))
+            publisher = resources.enter_context(FramePublisher(wishes.view, authenticator))
         # Its thread starts before real-time scheduling is asked for.
-        announcer = resources.enter_context(Announcer(quiet=quiet))
-        observer = _Observer(cell, publisher, announcer, record)
+        announcer = resources.enter_context(Announcer(quiet=wishes.quiet))
+        observer = _Observer(cell, publisher, announcer, wishes.record)
         # Its thread as well.
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
             has_keys = authenticator is not None
             announcer.remedy = describe_remedy(
-                addresses, reset_token, has_keys=has_keys, arm=cell.arm
+                addresses, wishes.reset_token, has_keys=has_keys, arm=cell.arm
             )
-            observer.begin(addresses, obeys_reset=reset_token is not None)
-            if quiet:
+            observer.begin(addresses, obeys_reset=wishes.reset_token is not None)
+            if wishes.quiet:
                 return
             views = {} if publisher is None else {"view": publisher.address}
             for name, address in {**addresses, **views}.items():
                 announcer.tell(f"{name} at {'standard input' if address == '-' else address}")
             told = [summarise_premises()]
-            if premises:
+            if wishes.premises:
                 told = list_premises(observer.monitor, cell.drawn_links)
             for line in told:
                 announcer.tell(line)
@@ -130,11 +117,11 @@ def supervise(
         def tell_prepared(monitor: Monitor) -> None:
             waiting.stop()
             observer.monitor = monitor
-            if monitor.choice is not None and not quiet:
+            if monitor.choice is not None and not wishes.quiet:
                 for line in monitor.choice.summary:
                     announcer.tell(f"settings chosen: {line}")
             missing = describe_missing_limits(monitor)
-            if missing is not None and not quiet:
+            if missing is not None and not wishes.quiet:
                 announcer.tell(missing)
 
         is_auto = cell.tables.settings == AUTO
@@ -163,14 +150,13 @@ def supervise(
                 cell,
                 options,
                 authenticator=authenticator,
-                observe=observer.observe,
-                rest=observer.rest,
+                observer=observer,
                 prepared=tell_prepared,
                 listening=tell_addresses,
                 tell=announcer.tell,
             )
     summary = summarise(report, observer.counts)
-    if as_json:
+    if wishes.json:
         print_json(lambda: summary)
     else:
         make_console().print(draw_summary(summary))
@@ -278,34 +264,22 @@ def make_keys(name: str, folder: Path) -> int:
     return 0
 
 
-def send_reset(
-    address: str,
-    token: str,
-    key_files: tuple[Path, Path] | None = None,
-    arm: str = "",
-    verdicts_address: str | None = None,
-) -> int:
+def send_reset(wishes: cli.Reset) -> int:
     """Send a reset to a running monitor and tell its answer; the exit code, 1 if not obeyed.
 
     Args:
-        address: Where it takes obstacles or joint states.
-        token: What its run was started with.
-        key_files: Secret file of a client that may reset, and the monitor's public file; None: it
-            asks for no keys.
-        arm: Whose monitor is meant, in a cell with several arms.
-        verdicts_address: Where it publishes verdicts and answers; None: as
-            `find_verdicts_address` has it.
+        wishes: What the command line says.
 
     Raises:
         StreamError: An address or a key cannot be used.
     """
+    address, key_files = wishes.address, read_key_files(wishes.key, wishes.server_key)
     keys = None if key_files is None else Keys.load(*key_files)
-    verdicts_address = verdicts_address or find_verdicts_address(address)
     with (
         Publisher(address, keys=keys) as publisher,
-        VerdictReader(verdicts_address, keys) as reader,
+        VerdictReader(wishes.verdicts or find_verdicts_address(address), keys) as reader,
     ):
-        verdict = _ask_reset(publisher, reader, token, arm)
+        verdict = _ask_reset(publisher, reader, wishes.token, wishes.arm)
     print_json(lambda: verdict._asdict() | {"address": address})
     if not verdict.obeyed:
         complain(f"{address}: not reset: {verdict.problem}")
@@ -342,43 +316,32 @@ def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str
     )
 
 
-def show(
-    address: str,
-    port: int,
-    *,
-    open_browser: bool,
-    floor: float = 0.0,
-    host: str = LOOPBACK,
-    key_files: tuple[Path, Path] | None = None,
-) -> int:
+def show(wishes: cli.View) -> int:
     """Serve the page of a running monitor until Ctrl-C; the exit code.
 
     Args:
-        address: Of the monitor's feed.
-        port: TCP port of the page; 0: any that is free.
-        floor: Height of the floor that is drawn, in [m].
-        open_browser: Open the page.
-        host: Address of the interface on which the page is served; by token beyond loopback.
-        key_files: Secret file of a client that may view, and the monitor's public file.
+        wishes: What the command line says.
     """
     # It brings a web server along, which no monitor needs.
     from armguard.view.process import launch
 
+    key_files = read_key_files(wishes.key, wishes.server_key)
     with (
         contextlib.suppress(KeyboardInterrupt),
-        launch(address, port, floor=floor, host=host, key_files=key_files) as page,
+        launch(
+            wishes.address, wishes.port, floor=wishes.floor, host=wishes.host, key_files=key_files
+        ) as page,
     ):
         make_console().print(f"see it in the browser: {page.url}", soft_wrap=True)
-        if open_browser:
+        if wishes.open:
             webbrowser.open(page.url)
-        while page.running:
-            time.sleep(PAGE_CHECK_INTERVAL)
+        page.wait()
         complain("the view has ended by itself")
         return COMPLAINT
     return 0
 
 
-class _Observer:
+class _Observer(Observer):
     """Counts and announces every verdict, and feeds the views if there is an address for them."""
 
     def __init__(
@@ -407,14 +370,15 @@ class _Observer:
         """
         if self._publisher is None or self.monitor is None:
             return
-        from armguard.app.view_feed import MonitorFeed, Origin
+        from armguard.app.view_feed import MonitorFeed
+        from armguard.view.messages import Origin
 
         urdf, package_dirs = self._cell.urdf
         origin = Origin(
-            urdf,
-            package_dirs,
-            find_reset_address(addresses),
-            obeys_reset,
+            urdf=urdf,
+            package_dirs=tuple(package_dirs),
+            reset_address=find_reset_address(addresses),
+            obeys_reset=obeys_reset,
             arm=self._cell.arm,
             recording=self._recording,
         )

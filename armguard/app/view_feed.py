@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -33,6 +31,7 @@ from armguard.view.messages import (
     LinkCover,
     Load,
     ObstacleShapes,
+    Origin,
     Pairs,
     SceneMessage,
     SourceReport,
@@ -58,25 +57,6 @@ REASON_LIMIT = 6
 
 PLAN_SAMPLES = 24
 """Places on a told path that are drawn."""
-
-
-class Origin(NamedTuple):
-    """What the view cannot know from the monitor alone."""
-
-    urdf: str = ""
-    """The robot's URDF, where it is not one that armguard knows."""
-    package_dirs: Sequence[str] = ()
-    """Folders in which that URDF's meshes are looked up."""
-    reset_address: str = ""
-    """Where the monitor takes a reset."""
-    obeys_reset: bool = False
-    """Whether it obeys one that brings its token."""
-    arm: str = ""
-    """Which arm a reset has to name, in a cell with several."""
-    is_recorded: bool = False
-    """Whether ticks come from a recording, so that none waits, and each STOP can be explained."""
-    recording: str = ""
-    """File to which the run is recorded; empty: to none."""
 
 
 OF_KNOWN_ROBOT = Origin()
@@ -338,8 +318,6 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
         cover=pack_cover(robot),
         period=monitor.period,
         base=tuple(monitor.base_placement.homogeneous.ravel().tolist()),
-        urdf=origin.urdf,
-        package_dirs=tuple(origin.package_dirs),
         slow_margin=settings.slow_margin,
         aware_margin=settings.aware_margin,
         sensors=sensors,
@@ -351,11 +329,7 @@ def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
             acceleration=tuple(limits.operating_acceleration.tolist()),
             payload=monitor.payload,
         ),
-        reset_address=origin.reset_address,
-        obeys_reset=origin.obeys_reset,
-        arm=origin.arm,
-        is_recorded=origin.is_recorded,
-        recording=origin.recording,
+        **msgspec.structs.asdict(origin),
     )
 
 

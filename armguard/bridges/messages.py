@@ -15,11 +15,12 @@ from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.messages.batch import ObstacleBatch
-from armguard.obstacles.obstacles import WORLD
+from armguard.obstacles.obstacles import WORLD, Obstacles
 from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -90,7 +91,8 @@ class ObstacleReader:
             raise ArmguardError(
                 self._offender, f"is of type {kind!r}", expected=f"one of {', '.join(OBSTACLES)}"
             )
-        check_radius(radius)
+        if radius is not None and not 0.0 <= radius < math.inf:
+            raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
         if kind in WITHOUT_SIZES and radius is None:
             raise ArmguardError(
                 self._offender, "has poses without sizes", remedy="give --radius in metres"
@@ -184,10 +186,10 @@ class ObstacleReader:
         A snapshot is one sight, whose markers all count as seen at the oldest of their stamps: a
         body that is taken for older than it is may be farther away, so that errs to the safe side.
         """
-        markers = sorted(markers, key=lambda one: _read_nanoseconds(one.header))
+        markers = sorted(markers, key=lambda one: read_nanoseconds(one.header))
         groups: dict[tuple[str, int], Shown] = {}
         for header, bodies in markers:
-            stamp = 0 if self._snapshot else _read_nanoseconds(header)
+            stamp = 0 if self._snapshot else read_nanoseconds(header)
             key = read_frame(header), stamp
             groups.setdefault(key, Shown(header, [])).bodies.extend(bodies)
         if self._snapshot and len(groups) > 1:
@@ -230,16 +232,6 @@ class ObstacleReader:
         )
 
 
-def check_radius(radius: float | None) -> None:
-    """Refuse what is no radius of bodies without sizes.
-
-    Raises:
-        ArmguardError: It is no number of metres, or negative.
-    """
-    if radius is not None and not 0.0 <= radius < math.inf:
-        raise ArmguardError("radius", f"is {radius}", expected="a number of metres, at least 0")
-
-
 def read_frame(header: Any) -> str:
     """The frame that a header names; the world where it names none."""
     return str(header.frame_id).strip("/") or WORLD
@@ -274,6 +266,13 @@ def make_batches(shown: Shown, source: str, stamp: float, *, snapshot: bool) -> 
         told = position, None, radius, None, None, 0.0, 0.0
         batches.append(ObstacleBatch(ids, stamp, *told, source, frame, snapshot))
     return batches
+
+
+def remove_known(obstacles: Obstacles, gone: list[str], source: str) -> None:
+    """Remove from a table what a source showed before and has deleted."""
+    known = [id for id in gone if obstacles.row(id, source) >= 0]
+    if known:
+        obstacles.remove(known, source=source)
 
 
 class JointStateReader:
@@ -385,15 +384,8 @@ def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
         return np.eye(3), _read_vector(position)
     if not 0.0 < norm < math.inf:
         return np.full((3, 3), np.nan), _read_vector(position)
-    w, x, y, z = w / norm, x / norm, y / norm, z / norm
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return rotation, _read_vector(position)
+    turn = pinocchio.Quaternion(w / norm, x / norm, y / norm, z / norm)
+    return turn.toRotationMatrix(), _read_vector(position)
 
 
 def read_length(orientation: Any) -> float:
@@ -402,7 +394,8 @@ def read_length(orientation: Any) -> float:
     return math.sqrt(w * w + x * x + y * y + z * z)
 
 
-def _read_nanoseconds(header: Any) -> int:
+def read_nanoseconds(header: Any) -> int:
+    """The stamp of a header, in [ns]."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 

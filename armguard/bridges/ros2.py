@@ -26,7 +26,9 @@ from armguard.bridges.messages import (
     Shown,
     make_batches,
     read_length,
+    read_nanoseconds,
     read_pose,
+    remove_known,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -127,7 +129,7 @@ class Transforms:
             if frame in goals:
                 return points, frame, error
             parent, rotation, translation, away = self._find(frame, begun, stamp, goals)
-            errors = self._find_errors(frame)
+            errors = self._find_errors(frame) or FrameErrors()
             distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0)) + error
             angle = errors.angle + errors.turn_rate * away
             error += errors.position + errors.speed * away + angle * distance
@@ -149,7 +151,7 @@ class Transforms:
                 f"is not in a tree with the world: there is no transform of {frame!r}",
                 expected=f"transforms to one of {', '.join(sorted(goals))}",
             )
-        if not any(fnmatch.fnmatchcase(frame, pattern) for pattern in self._errors):
+        if self._find_errors(frame) is None:
             raise ArmguardError(
                 f"frame {frame!r}",
                 "moves, and nothing says how fast it can",
@@ -166,11 +168,13 @@ class Transforms:
             )
         return parent, rotation, translation, away
 
-    def _find_errors(self, frame: str) -> FrameErrors:
-        for pattern, errors in self._errors.items():
-            if fnmatch.fnmatchcase(frame, pattern):
-                return errors
-        return FrameErrors()
+    def _find_errors(self, frame: str) -> FrameErrors | None:
+        fitting = (
+            errors
+            for pattern, errors in self._errors.items()
+            if fnmatch.fnmatchcase(frame, pattern)
+        )
+        return next(fitting, None)
 
 
 class Ros2Cell:
@@ -265,9 +269,7 @@ class Ros2Cell:
         table = self._monitor.obstacles
         try:
             gone, shown = reader.read(message)
-            told = [id for id in gone if table.row(id, source) >= 0]
-            if told:
-                table.remove(told, source=source)
+            remove_known(table, gone, source)
             for one in shown:
                 self._update(source, one)
         except ArmguardError as error:
@@ -297,7 +299,7 @@ class Ros2Cell:
             self._monitor.obstacles.update(*batch)
 
     def _read_stamp(self, header: Any) -> float:
-        nanoseconds = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+        nanoseconds = read_nanoseconds(header)
         if nanoseconds == 0:
             raise ArmguardError("stamp", "is 0, which is no time", expected="that of the sample")
         return self._to_seconds(nanoseconds)

@@ -14,21 +14,17 @@ from typing import Any, Literal, NamedTuple
 
 from armguard.bridges.messages import (
     JOINTS,
-    OBSTACLES,
-    WITHOUT_SIZES,
     JointStateReader,
     ObstacleReader,
     Shown,
-    check_radius,
     make_batches,
     read_frame,
+    read_nanoseconds,
+    remove_known,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.recording.replay import ReplayedTick
-
-KINDS = (JOINTS, *OBSTACLES)
-"""Messages that can be input."""
 
 FARTHEST_STAMP = 10.0
 """A stamp that is farther from when its message was recorded, in [s], is of another clock."""
@@ -71,7 +67,6 @@ class BagRun:
                 remedy="pip install 'armguard[record]'",
             )
         topics, radius, snapshot, _ = self._inputs = inputs
-        check_radius(radius)
         self._path, self._monitor = Path(path), monitor
         self._sources = {}
         for topic in topics:
@@ -81,12 +76,23 @@ class BagRun:
         self._frames = {"world", *monitor.obstacles.settings.frames}
         with self._open() as reader:
             types = {name: info.msgtype or "" for name, info in reader.topics.items()}
-        self._check_topics(types)
-        self._obstacles = {
-            topic: ObstacleReader(topic, types[topic], radius, snapshot=snapshot)
-            for topic in self._sources
-            if types[topic] != JOINTS
-        }
+        there = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
+        for topic in self._sources:
+            if topic not in types:
+                raise self._refuse(f"topic {topic!r}", "is not there", expected=f"one of: {there}")
+        with self._naming():
+            self._obstacles = {
+                topic: ObstacleReader(topic, types[topic], radius, snapshot=snapshot)
+                for topic in self._sources
+                if types[topic] != JOINTS
+            }
+        count = len(self._sources) - len(self._obstacles)
+        if count != 1:
+            raise self._refuse(
+                "topics",
+                f"name {count} of joint states",
+                expected=f"one of type {JOINTS}; there are: {there}",
+            )
 
     @property
     def passed_over(self) -> dict[str, int]:
@@ -157,31 +163,7 @@ class BagRun:
                 f"cannot be read ({line})",
                 expected="a rosbag2 folder or an MCAP file of ROS 2 messages",
             ) from None
-        return _Closing(reader)
-
-    def _check_topics(self, types: dict[str, str]) -> None:
-        there = ", ".join(f"{name} ({kind})" for name, kind in sorted(types.items())) or "none"
-        for topic in self._sources:
-            if topic not in types:
-                raise self._refuse(f"topic {topic!r}", "is not there", expected=f"one of: {there}")
-        for topic in self._sources:
-            if types[topic] not in KINDS:
-                raise self._refuse(
-                    f"topic {topic!r}",
-                    f"is of type {types[topic]!r}",
-                    expected=f"one of {', '.join(KINDS)}",
-                )
-            if types[topic] in WITHOUT_SIZES and self._inputs.radius is None:
-                raise self._refuse(
-                    f"topic {topic!r}", "has poses without sizes", remedy="give --radius in metres"
-                )
-        joints = [topic for topic in self._sources if types[topic] == JOINTS]
-        if len(joints) != 1:
-            raise self._refuse(
-                "topics",
-                f"name {len(joints)} of joint states",
-                expected=f"one of type {JOINTS}; there are: {there}",
-            )
+        return contextlib.closing(reader)
 
     def _read(self, reader: Any, chosen: list[Any]) -> Iterator[tuple[Any, int, bytes]]:
         """Messages in the order in which they were recorded."""
@@ -209,8 +191,7 @@ class BagRun:
     def _read_stamp(self, topic: str, header: Any, now: float) -> float:
         if self._inputs.stamps == "recorded":
             return now
-        nanoseconds = int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-        stamp = self._to_seconds(nanoseconds)
+        stamp = self._to_seconds(read_nanoseconds(header))
         if not abs(stamp - now) <= FARTHEST_STAMP:
             raise self._refuse(
                 f"topic {topic!r}",
@@ -224,9 +205,7 @@ class BagRun:
         topic, source = connection.topic, self._sources[connection.topic]
         with self._naming():
             gone, shown = self._obstacles[topic].read(message)
-        told = [id for id in gone if self._monitor.obstacles.row(id, source) >= 0]
-        if told:
-            self._monitor.obstacles.remove(told, source=source)
+        remove_known(self._monitor.obstacles, gone, source)
         for one in shown:
             self._update(topic, source, one, now)
 
@@ -258,16 +237,3 @@ class BagRun:
 
     def _refuse(self, offender: str, problem: str, **more: str) -> ArmguardError:
         return ArmguardError(f"{self._path}: {offender}", problem, **more)
-
-
-class _Closing:
-    """Closes a reader that was opened."""
-
-    def __init__(self, reader: Any) -> None:
-        self._reader = reader
-
-    def __enter__(self) -> Any:
-        return self._reader
-
-    def __exit__(self, *_: object) -> None:
-        self._reader.close()

@@ -276,8 +276,8 @@ class Recorder:
             **describe_provenance(monitor.robot),
             "monotonic_offset_ns": str(self._clock_offset),
         }
-        robot = encode_plain(describe_robot(monitor.robot))
-        settings = encode_plain(describe_settings(monitor))
+        robot = msgspec.json.encode(describe_robot(monitor.robot))
+        settings = msgspec.json.encode(describe_settings(monitor))
         return [
             (NOTED, ("armguard", provenance)),
             (ATTACHED, ("settings.json", "application/json", settings)),
@@ -287,7 +287,7 @@ class Recorder:
     def _describe_bodies(self) -> BodiesChanged:
         data = describe_bodies(self._robot, self._known_links)
         links = [
-            Link(link["name"], "" if len(link) == 1 else encode_plain(link).decode())
+            Link(link["name"], "" if len(link) == 1 else msgspec.json.encode(link).decode())
             for link in data["links"]
         ]
         self._known_links = tuple(link["name"] for link in data["links"])
@@ -411,11 +411,6 @@ def open_new(path: Path) -> tuple[Path, int]:
         return path, os.open(path, flags, 0o644)
     except OSError as error:
         raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
-
-
-def encode_plain(data: Any) -> bytes:
-    """Plain data as JSON."""
-    return msgspec.json.encode(data)
 
 
 def _check_untouched(monitor: Monitor) -> None:

@@ -42,8 +42,7 @@ class Ring:
     def __init__(self, descriptor: int) -> None:
         size = os.fstat(descriptor).st_size
         # Pages are mapped now: one that is met for the first time costs a loop some microseconds.
-        flags = mmap.MAP_SHARED | getattr(mmap, "MAP_POPULATE", 0)
-        self._map = mmap.mmap(descriptor, size, flags)
+        self._map = mmap.mmap(descriptor, size, mmap.MAP_SHARED | mmap.MAP_POPULATE)
         self._counters = memoryview(self._map)[:HEADER].cast("Q")
         self.is_released = False
         self._capacity = size - HEADER

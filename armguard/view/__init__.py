@@ -1,7 +1,7 @@
 """The view: awareness in the browser, drawn by a process of its own.
 
 A monitor publishes frames with a `FramePublisher`, which never waits for a view. The view
-process (`launch`, or `python -m armguard.view ADDRESS`) keeps the newest one, turns it into
+process, which `launch` starts, keeps the newest one, turns it into
 drawing commands and serves Meshcat's viewer on the loopback interface. However slow or dead the
 view or a browser may be, no tick of the monitor is ever delayed by it.
 """

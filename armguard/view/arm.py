@@ -166,7 +166,7 @@ class Arm:
 def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
     """URDF, package folders, and where the locked joints rest."""
     if scene.urdf:
-        return Path(scene.urdf), list(scene.package_dirs), scene.locked
+        return Path(scene.urdf), list(scene.package_dirs), {}
     directory = find_robot(scene.robot)
     description = read_description(directory / DESCRIPTION)
     path, packages = locate_urdf(directory, description)
@@ -174,7 +174,7 @@ def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
     for name, entry in description.locked.items():
         # Fingers that may be anywhere are drawn half open.
         rest[name] = sum(entry.travel) / 2 if entry.travel else float(entry.position or 0.0)
-    return path, [str(folder) for folder in packages], rest | scene.locked
+    return path, [str(folder) for folder in packages], rest
 
 
 def _is_collada(path: str) -> bool:

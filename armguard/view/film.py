@@ -7,6 +7,7 @@ of it, with every other moment dropped whenever there are too many. Memory is bo
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from typing import NamedTuple
@@ -75,7 +76,7 @@ class Film:
     """
 
     def __init__(self) -> None:
-        self.edition = 0
+        self.edition = self._number = 0
         self.clear()
 
     def clear(self, *, is_recording: bool = False) -> None:
@@ -92,7 +93,6 @@ class Film:
         self._open: Moment | None = None
         self._last: FrameMessage | None = None
         self._told: dict[str, float] = {}
-        self._number = getattr(self, "_number", 0)
         self.edition += 1
 
     def add(self, frame: FrameMessage, payload: bytes) -> None:
@@ -137,14 +137,8 @@ class Film:
 
     def find(self, number: int) -> Moment | None:
         """The moment of this number, or the last one before it; None where there is none."""
-        low, high = 0, len(self.moments)
-        while low < high:
-            middle = (low + high) // 2
-            if self.moments[middle].number <= number:
-                low = middle + 1
-            else:
-                high = middle
-        return self.moments[low - 1] if low else (self.moments[0] if self.moments else None)
+        after = bisect.bisect_right(self.moments, number, key=lambda moment: moment.number)
+        return self.moments[max(after - 1, 0)] if self.moments else None
 
     def _keep(self, moment: Moment) -> None:
         self._number, self._open = moment.number, None

@@ -10,6 +10,7 @@ loop of the monitor. Anything that arrives is checked once, in `decode_message`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -32,6 +33,11 @@ def _pack(values: ArrayLike, dtype: str) -> bytes:
     return np.ascontiguousarray(values, dtype=dtype).tobytes()
 
 
+def _unpack(field: str, dtype: str, *shape: int) -> Any:
+    """A property: what a packed field holds, as an array."""
+    return property(lambda self: np.frombuffer(getattr(self, field), dtype).reshape(shape or -1))
+
+
 class LinkCover(msgspec.Struct, frozen=True):
     """The cover spheres of one link.
 
@@ -50,10 +56,8 @@ class LinkCover(msgspec.Struct, frozen=True):
         """Pack `spheres`: x, y, z, radius, in [m]. Shape (n, 4)."""
         return cls(link, joint, _pack(spheres, "<f4"))
 
-    @property
-    def spheres(self) -> NDArray[np.float32]:
-        """x, y, z, radius, in [m]. Shape (n, 4)."""
-        return np.frombuffer(self.packed, "<f4").reshape(-1, 4)
+    spheres = _unpack("packed", "<f4", -1, 4)
+    """x, y, z, radius, in [m]. Shape (n, 4)."""
 
 
 class StoppingRule(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,7 +80,30 @@ class StoppingRule(msgspec.Struct, frozen=True, kw_only=True):
     payload: float
 
 
-class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
+class Origin(msgspec.Struct, frozen=True, kw_only=True):
+    """What a view cannot know from the monitor alone.
+
+    Attributes:
+        urdf: Path of a URDF that armguard does not come with; the view itself reads its meshes.
+        package_dirs: Folders in which its `package://` names are looked up.
+        reset_address: Where the monitor takes a reset; empty: from its standard input alone.
+        obeys_reset: Whether it obeys one that brings its token.
+        arm: Which arm a reset has to name; empty where the cell has one.
+        is_recorded: Whether frames come from a recording, each to be kept and none to be dropped;
+            then no tick waits, and each STOP can be explained.
+        recording: File to which this run is recorded; empty: to none.
+    """
+
+    urdf: str = ""
+    package_dirs: tuple[str, ...] = ()
+    reset_address: str = ""
+    obeys_reset: bool = False
+    arm: str = ""
+    is_recorded: bool = False
+    recording: str = ""
+
+
+class SceneMessage(Origin, frozen=True, tag="scene", kw_only=True):
     """What does not change while the monitor runs.
 
     Attributes:
@@ -85,19 +112,11 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
         base: Pose of the URDF's root in the world, a homogeneous matrix in row-major order.
         cover: The arm's spheres; their order is that of `FrameMessage.sphere_times`.
         period: One tick of the monitor, in [s]: the unit of the buckets.
-        urdf: Path of a URDF that armguard does not come with; the view itself reads its meshes.
-        package_dirs: Folders in which its `package://` names are looked up.
-        locked: Where joints that are not watched rest, in [rad] or [m]; those not named: at zero.
         slow_margin: Beyond the stopping time, in [s]: SLOW below.
         aware_margin: Beyond the stopping time, in [s]: AWARE below.
         levels: The levels of the cover's tree, coarsest first; each covers the whole arm.
         sensors: Frames that obstacles are measured in: name and pose in the world, row-major.
         stopping: How the arm stops; None where that is not told.
-        reset_address: Where the monitor takes a reset; empty: from its standard input alone.
-        obeys_reset: Whether it obeys one that brings its token.
-        arm: Which arm a reset has to name; empty where the cell has one.
-        is_recorded: Whether frames come from a recording, each to be kept and none to be dropped.
-        recording: File to which this run is recorded; empty: to none.
         version: Of the feed.
     """
 
@@ -106,19 +125,11 @@ class SceneMessage(msgspec.Struct, frozen=True, tag="scene", kw_only=True):
     cover: tuple[LinkCover, ...]
     period: float
     base: tuple[float, ...] = IDENTITY
-    urdf: str = ""
-    package_dirs: tuple[str, ...] = ()
-    locked: dict[str, float] = {}
     slow_margin: float = 0.1
     aware_margin: float = 0.3
     levels: tuple[tuple[LinkCover, ...], ...] = ()
     sensors: tuple[tuple[str, tuple[float, ...]], ...] = ()
     stopping: StoppingRule | None = None
-    reset_address: str = ""
-    obeys_reset: bool = False
-    arm: str = ""
-    is_recorded: bool = False
-    recording: str = ""
     version: int = FEED_VERSION
 
 
@@ -231,10 +242,8 @@ class Balls(msgspec.Struct, frozen=True):
         """Pack `balls`: x, y, z, radius, in [m]. Shape (n, 4)."""
         return cls(_pack(balls, "<f4"))
 
-    @property
-    def values(self) -> NDArray[np.float32]:
-        """x, y, z, radius, in [m]. Shape (n, 4)."""
-        return np.frombuffer(self.packed, "<f4").reshape(-1, 4)
+    values = _unpack("packed", "<f4", -1, 4)
+    """x, y, z, radius, in [m]. Shape (n, 4)."""
 
 
 class ObstacleShapes(msgspec.Struct, frozen=True):
@@ -304,35 +313,24 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             stands.tobytes(),
         )
 
-    @property
-    def counts(self) -> NDArray[np.uint8]:
-        """Points of each obstacle. Shape (n,)."""
-        return np.frombuffer(self.packed_counts, "u1")
-
-    @property
-    def points(self) -> NDArray[np.float32]:
-        """Points of all obstacles, in [m]. Shape (sum of counts, 3)."""
-        return np.frombuffer(self.packed_points, "<f4").reshape(-1, 3)
-
-    @property
-    def radii(self) -> NDArray[np.float32]:
-        """In [m]. Shape (n,)."""
-        return np.frombuffer(self.packed_radii, "<f4")
+    counts = _unpack("packed_counts", "u1")
+    """Points of each obstacle. Shape (n,)."""
+    points = _unpack("packed_points", "<f4", -1, 3)
+    """Points of all obstacles, in [m]. Shape (sum of counts, 3)."""
+    radii = _unpack("packed_radii", "<f4")
+    """In [m]. Shape (n,)."""
+    times = _unpack("packed_times", "<f4")
+    """Contact time of the most imminent pair of each, in [s]. Shape (n,)."""
 
     @property
     def refused(self) -> NDArray[np.bool_]:
         """Whether the latest state of each was refused. Shape (n,)."""
-        return np.frombuffer(self.packed_refused, "u1").astype(np.bool_)
-
-    @property
-    def times(self) -> NDArray[np.float32]:
-        """Contact time of the most imminent pair of each, in [s]. Shape (n,)."""
-        return np.frombuffer(self.packed_times, "<f4")
+        return np.frombuffer(self.packed_refused, "u1") > 0
 
     @property
     def statics(self) -> NDArray[np.bool_]:
         """Whether each stands still for ever, as entrances do. Shape (n,)."""
-        return np.frombuffer(self.packed_statics, "u1").astype(np.bool_)
+        return np.frombuffer(self.packed_statics, "u1") > 0
 
     @property
     def entrances(self) -> NDArray[np.bool_]:
@@ -371,25 +369,14 @@ class Pairs(msgspec.Struct, frozen=True):
             b"" if buckets is None else _pack(buckets, "<u4"),
         )
 
-    @property
-    def links(self) -> NDArray[np.uint16]:
-        """Number of each link. Shape (m,)."""
-        return np.frombuffer(self.packed_links, "<u2")
-
-    @property
-    def obstacles(self) -> NDArray[np.uint16]:
-        """Number of each obstacle. Shape (m,)."""
-        return np.frombuffer(self.packed_obstacles, "<u2")
-
-    @property
-    def times(self) -> NDArray[np.float32]:
-        """Contact time of each, in [s]. Shape (m,)."""
-        return np.frombuffer(self.packed_times, "<f4")
-
-    @property
-    def buckets(self) -> NDArray[np.uint32]:
-        """How many pairs sit in each bucket. Shape (16,), or (0,) where that is not told."""
-        return np.frombuffer(self.packed_buckets, "<u4")
+    links = _unpack("packed_links", "<u2")
+    """Number of each link. Shape (m,)."""
+    obstacles = _unpack("packed_obstacles", "<u2")
+    """Number of each obstacle. Shape (m,)."""
+    times = _unpack("packed_times", "<f4")
+    """Contact time of each, in [s]. Shape (m,)."""
+    buckets = _unpack("packed_buckets", "<u4")
+    """How many pairs sit in each bucket. Shape (16,), or (0,) where that is not told."""
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):

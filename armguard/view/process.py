@@ -7,13 +7,13 @@ that makes ticks late. The process ends with its parent, however that ends.
 from __future__ import annotations
 
 import os
-import queue
 import re
+import select
 import subprocess
 import sys
-import threading
 from pathlib import Path
-from typing import IO
+
+import msgspec
 
 from armguard.exceptions import ArmguardError
 from armguard.streams.addresses import check_address
@@ -23,6 +23,30 @@ from armguard.view.listening import LOOPBACK, listen
 
 START_TIMEOUT = 30.0
 END_TIMEOUT = 3.0
+
+
+class WatchOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """What a view process is started with; it stands as JSON on its command line."""
+
+    address: str
+    """Of a `FramePublisher`."""
+    port: int = 0
+    """TCP port of the page; 0: any that is free."""
+    floor: float = 0.0
+    """Height of the floor that is drawn, in [m]."""
+    export: str | None = None
+    """Where to write, at its end, a file that plays offline; None: nowhere."""
+    host: str = LOOPBACK
+    """Address of the interface on which the page is served; see `ViewServer`."""
+    key_files: tuple[str, str] | None = None
+    """Where the monitor asks for keys: the secret file of a client that may view, and the monitor's
+    public file."""
+    parent: int | None = None
+    """Process whose end is the view's; None: none is."""
+
+    def load_keys(self) -> Keys | None:
+        """The keys of the client; None where there are none."""
+        return None if self.key_files is None else Keys.load(*map(Path, self.key_files))
 
 
 class ViewProcess:
@@ -42,6 +66,10 @@ class ViewProcess:
     def running(self) -> bool:
         """Whether the process is alive."""
         return self._process.poll() is None
+
+    def wait(self) -> None:
+        """Return when the process has ended."""
+        self._process.wait()
 
     def close(self, timeout: float = END_TIMEOUT) -> None:
         """End the process and wait until it and its port are gone; harmless if they are.
@@ -70,30 +98,31 @@ def launch(
     """Start a view of the feed at `address`, and wait until its page can be opened.
 
     Args:
-        address: Of a `FramePublisher`.
-        port: TCP port of the page; 0: any that is free.
+        address: As in `WatchOptions`, like all that follow.
+        port: TCP port of the page.
         floor: Height of the floor, in [m].
-        export: Where to write, at its end, a file that plays offline; None: nowhere.
-        host: Address of the interface on which the page is served; see `ViewServer`.
-        key_files: Where the monitor asks for keys: the secret file of a client that may view, and
-            the monitor's public file.
+        export: Where to write a file that plays offline.
+        host: Address of the interface on which the page is served.
+        key_files: Secret file of a client that may view, and the monitor's public file.
 
     Raises:
         ArmguardError: The address or port cannot be used, or the process did not listen in time.
     """
+    options = WatchOptions(
+        address=address,
+        port=port,
+        floor=floor,
+        export=None if export is None else str(export),
+        host=host,
+        key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
+        parent=os.getpid(),
+    )
     # Mistakes are told here, in one line: from the process there would be its own and ours.
     check_address(address, has_keys=key_files is not None)
-    if key_files is not None:
-        Keys.load(*key_files)
+    options.load_keys()
     Access(host)
     listen(port, host).close()
-    command = [sys.executable, "-m", "armguard.view", address]
-    command += ["--port", str(port), "--parent", str(os.getpid()), "--host", host]
-    command += ["--floor", str(floor)]
-    if export is not None:
-        command += ["--export", str(export)]
-    if key_files is not None:
-        command += ["--key", str(key_files[0]), "--server-key", str(key_files[1])]
+    command = [sys.executable, "-m", "armguard.view", msgspec.json.encode(options).decode()]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -102,17 +131,14 @@ def launch(
         start_new_session=True,  # a Ctrl-C while it still imports would end it with a traceback
     )
     assert process.stdout is not None
-    lines: queue.Queue[str] = queue.Queue()
-    # A pipe cannot be read with a time limit on every system; a thread's queue can.
-    threading.Thread(target=_read_line, args=(process.stdout, lines), daemon=True).start()
     try:
-        line = lines.get(timeout=START_TIMEOUT)
-    except queue.Empty:
-        line = ""
+        # It says one line, all at once.
+        with process.stdout as output:
+            is_told = select.select([output], [], [], START_TIMEOUT)[0]
+            found = re.search(r"http://\S+", output.readline() if is_told else "")
     except BaseException:
         _end(process)
         raise
-    found = re.search(r"http://\S+", line)
     if found is None:
         _end(process)
         raise ArmguardError(
@@ -121,11 +147,6 @@ def launch(
             remedy="its own message, if any, stands on stderr",
         )
     return ViewProcess(process, found[0])
-
-
-def _read_line(stream: IO[str], lines: queue.Queue[str]) -> None:
-    with stream:
-        lines.put(stream.readline())
 
 
 def _end(process: subprocess.Popen[str], timeout: float = END_TIMEOUT) -> None:

@@ -11,8 +11,7 @@ from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.portable import RestoredRobot
-from armguard.robot.robot import Robot
-from armguard.view.messages import FrameMessage, SceneMessage, StoppingRule
+from armguard.view.messages import FrameMessage, SceneMessage
 
 
 class StoppingVolume:
@@ -29,7 +28,10 @@ class StoppingVolume:
         rule = scene.stopping
         if rule is None:
             raise ArmguardError("the stopping volume", "is not told of by this monitor")
-        robot = read_robot(rule)
+        try:
+            robot = RestoredRobot(msgspec.json.decode(rule.robot))
+        except msgspec.DecodeError as error:
+            raise ArmguardError("the robot of the scene", str(error)) from error
         base = np.array(scene.base, dtype=np.float64).reshape(4, 4)
         limits = OperatingLimits(velocity=rule.velocity, acceleration=rule.acceleration)
         self._motion = BrakingMotion(
@@ -57,15 +59,3 @@ class StoppingVolume:
         )
         found: NDArray[np.float64] = volume[self._leaves]
         return found
-
-
-def read_robot(rule: StoppingRule) -> Robot:
-    """The robot that a scene describes.
-
-    Raises:
-        ArmguardError: The description is malformed.
-    """
-    try:
-        return RestoredRobot(msgspec.json.decode(rule.robot))
-    except msgspec.DecodeError as error:
-        raise ArmguardError("the robot of the scene", str(error)) from error

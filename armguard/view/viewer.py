@@ -17,13 +17,12 @@ from zmq.utils.monitor import recv_monitor_message
 
 from armguard.exceptions import ArmguardError
 from armguard.streams.addresses import find_reachable
-from armguard.streams.keys import Keys, present
+from armguard.streams.keys import present
 from armguard.streams.nodes import Publisher
 from armguard.view import drawing
 from armguard.view.drawing import Command
 from armguard.view.export import write_export
 from armguard.view.latest_values import LatestValues
-from armguard.view.listening import LOOPBACK
 from armguard.view.messages import (
     FeedVersionError,
     FrameMessage,
@@ -34,6 +33,7 @@ from armguard.view.messages import (
 )
 from armguard.view.page_state import PageState
 from armguard.view.picture import ROOT, Picture
+from armguard.view.process import WatchOptions
 from armguard.view.server import ViewServer
 
 PARENT_CHECK_INTERVAL = 0.25
@@ -56,36 +56,24 @@ class Watch:
     """Draws what a feed says.
 
     Args:
-        address: Of the feed.
-        port: TCP port of the page; 0: any that is free.
-        floor: Height of the floor, in [m].
-        keeps_all: Whether the past is kept from its beginning, as for an export.
-        host: Address of the interface on which the page is served.
-        keys: Of a client that may view; None: the monitor asks for none.
+        options: Which feed, and how its page is served. With an export the past is kept from its
+            beginning.
 
     Raises:
-        ArmguardError: The address is malformed, or the port in use.
+        ArmguardError: The address is malformed, the port in use, or a key file unusable.
     """
 
-    def __init__(
-        self,
-        address: str,
-        port: int = 0,
-        *,
-        floor: float = 0.0,
-        keeps_all: bool = False,
-        host: str = LOOPBACK,
-        keys: Keys | None = None,
-    ) -> None:
-        self._address = address
+    def __init__(self, options: WatchOptions) -> None:
+        self._address = address = options.address
+        self._keys = options.load_keys()
+        self._keeps_all = options.export is not None
         self._context = zmq.asyncio.Context()
         self._socket = self._context.socket(zmq.SUB)
         self._socket.set(zmq.RCVHWM, 4)
         self._socket.set(zmq.MAXMSGSIZE, 64_000_000)
         self._socket.set(zmq.SUBSCRIBE, b"")
-        self._keys = keys
-        if keys is not None:
-            present(self._socket, keys)
+        if self._keys is not None:
+            present(self._socket, self._keys)
         self._connection = self._socket.get_monitor_socket(
             zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED
         )
@@ -100,16 +88,20 @@ class Watch:
             ) from error
         self._values = LatestValues()
         self._page_state = PageState(address)
-        self._keeps_all = keeps_all
-        self._page_state.film.clear(is_recording=keeps_all)
+        self._page_state.film.clear(is_recording=self._keeps_all)
         try:
             self._server = ViewServer(
-                self._values, self._page_state, self._draw_past, self._send_reset, port, host
+                self._values,
+                self._page_state,
+                self._draw_past,
+                self._send_reset,
+                options.port,
+                options.host,
             )
         except ArmguardError:
             self._context.destroy(linger=0)
             raise
-        self._picture = Picture(self._values.set, self._forget, floor)
+        self._picture = Picture(self._values.set, self._forget, options.floor)
         self._resets: tuple[int, int] | None = None
         """How many the monitor obeyed and refused, by its newest frame; None: there is none."""
         self._latches: frozenset[Latch] = frozenset()
@@ -317,38 +309,19 @@ class Watch:
             _logger.warning("feed: %s (%d so far)", problem, self._complaints)
 
 
-async def watch(
-    address: str,
-    port: int = 0,
-    parent: int | None = None,
-    *,
-    floor: float = 0.0,
-    export: Path | None = None,
-    host: str = LOOPBACK,
-    keys: Keys | None = None,
-) -> None:
-    """Run a view until a signal, or until the process `parent` is no longer this one's parent.
-
-    Args:
-        address: Of the feed.
-        port: TCP port of the page; 0: any that is free.
-        parent: Process whose end is the view's; None: none is.
-        floor: Height of the floor, in [m].
-        export: Where to write, at the end, a file that plays offline; None: nowhere.
-        host: Address of the interface on which the page is served.
-        keys: Of a client that may view; None: the monitor asks for none.
-    """
+async def watch(options: WatchOptions) -> None:
+    """Run a view until a signal, or until its parent is no longer this process's parent."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, ended.set)
-    view = Watch(address, port, floor=floor, keeps_all=export is not None, host=host, keys=keys)
-    sys.stdout.write(f"armguard view of {address}: {view.url}\n")
+    view = Watch(options)
+    sys.stdout.write(f"armguard view of {options.address}: {view.url}\n")
     sys.stdout.flush()
     drawing_task = asyncio.create_task(view.run())
     drawing_task.add_done_callback(lambda _: ended.set())
     try:
-        while not ended.is_set() and parent in (None, os.getppid()):
+        while not ended.is_set() and options.parent in (None, os.getppid()):
             try:
                 await asyncio.wait_for(ended.wait(), PARENT_CHECK_INTERVAL)
             except TimeoutError:
@@ -359,8 +332,8 @@ async def watch(
         drawing_task.cancel()
         await asyncio.gather(drawing_task, return_exceptions=True)
         try:
-            if export is not None:
+            if options.export is not None:
                 await view.read_rest()
-                view.export(export)
+                view.export(Path(options.export))
         finally:
             view.close()

@@ -15,11 +15,8 @@ from pathlib import Path
 import pytest
 
 from armguard.app.cli import main
-from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
-
-HEADER_OF_ANOTHER_WORLD = "frame,x,y,z\n1,0.0,0.0,0.0\n"
 
 
 def list_commands(capsys):
@@ -45,22 +42,6 @@ def test_the_version_is_one_line_with_what_verdicts_depend_on(capsys):
     )
 
 
-def test_a_process_does_not_look_through_all_that_it_has_at_its_end():
-    """Which takes as long as a third of its start; what was registered first is called last."""
-    program = (
-        "import atexit, gc, sys\n"
-        "atexit.register(lambda: print('left out', gc.get_freeze_count(), gc.get_count()[0]))\n"
-        "from armguard.app.cli import main\n"
-        "sys.argv = ['armguard', 'robots']\n"
-        "sys.exit(main())\n"
-    )
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert told.returncode == 0, told.stderr
-    left_out, young = map(int, told.stdout.rpartition("left out ")[2].split())
-    assert left_out > 50_000
-    assert young < 1000
-
-
 @pytest.mark.parametrize("arguments", [["--help"], ["keys", "--help"], ["run", "--help"]])
 def test_help_that_nobody_reads_to_its_end_is_no_mistake(arguments):
     """As `armguard --help | head -1`, of which the reader has gone before all is written."""
@@ -75,10 +56,10 @@ def test_help_that_nobody_reads_to_its_end_is_no_mistake(arguments):
     assert (told.returncode, told.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2, 0.35, 0.6, 1.0])
+@pytest.mark.parametrize("delay", [0.1, 0.35, 0.8])
 @pytest.mark.parametrize(
     "arguments",
-    [["demo", "--no-view"], ["run", "demos/cell.toml"], ["--help"], ["robots"], ["replay", "none"]],
+    [["demo", "--no-view"], ["run", "demos/cell.toml"], ["--help"]],
     ids=lambda value: value[0],
 )
 def test_an_interrupt_while_a_command_starts_is_one_line(arguments, delay):
@@ -111,14 +92,6 @@ def test_a_command_in_the_background_of_a_shell_goes_on_ignoring_interrupts():
     assert "usage: armguard" in done.stdout
 
 
-def test_help_tells_the_addresses_that_count_where_none_is_given(capsys):
-    with pytest.raises(SystemExit):
-        main(["run", "--help"])
-    out = capsys.readouterr().out
-    for address in (OBSTACLES_ADDRESS, JOINTS_ADDRESS, VERDICTS_ADDRESS):
-        assert address in out
-
-
 def test_help_of_each_command_has_an_example(capsys):
     commands = list_commands(capsys)
     assert {"demo", "robots"} <= set(commands)
@@ -136,24 +109,17 @@ def test_help_of_each_command_has_an_example(capsys):
         ([], "a command is missing"),
         (["dmeo"], "did you mean demo?"),
         (["nothing-like-it"], "armguard --help"),
-        (["demo", "--speed", "3"], "--speed"),
         (["demo", "--sped", "3"], "Unrecognized options: --sped, 3: did you mean --seed?"),
         (["demo", "--durations=3", "--recrod", "x"], "did you mean --duration and --record?"),
         (["cover", "panda", "--imprt", "spheres.yml"], "did you mean --import?"),
         (["run", "cell.toml", "--cel", "x"], "Unrecognized options: --cel, x\n"),
         (["demo", "--duration", "long"], "--duration"),
         (["demo", "--duration", "nan"], "--duration"),
-        (["demo", "--duration", "0"], "--duration"),
         (["demo", "--obstacles", "-1"], "--obstacles"),
         (["demo", "--seed", "-1"], "--seed"),
-        (["extremes", "--seed", "-1"], "--seed"),
-        (["demo", "--obstacles", "1.5"], "--obstacles"),
         (["demo", "--schedule", "psychic"], "psychic"),
         (["demo", "--person", "/nowhere/person.csv"], "/nowhere/person.csv"),
-        (["demo", "--person", "/"], "/"),
-        (["robots", "panda"], "panda"),
         (["demo", "--robot", "nobody"], "robot 'nobody': is not known"),
-        (["demo", "--robot", "/"], "/: has no robot.toml"),
         (["robot", "new", "arm.urdf"], "--out"),
         (["robot", "old", "arm.urdf", "--out", "x"], "old"),
     ],
@@ -165,17 +131,6 @@ def test_a_mistake_is_one_line_and_exit_code_2(arguments, words, capsys):
     assert out == ""
     assert re.fullmatch(r"armguard: [^\n]+\n", err)
     assert words in err
-
-
-@pytest.mark.parametrize("content", [b"", HEADER_OF_ANOTHER_WORLD.encode(), b"\xff\xfe\x00"])
-def test_a_recording_without_its_header_is_a_mistake(content, tmp_path, capsys):
-    path = tmp_path / "person.csv"
-    path.write_bytes(content)
-    assert run_main(["demo", "--person", str(path), "--duration", "1", "--json"]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert re.fullmatch(r"armguard: [^\n]+\n", err)
-    assert "person.csv" in err
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "UTF-8", "ascii"])
@@ -192,11 +147,6 @@ def run_main(arguments):
         return main(arguments)
     except SystemExit as end:
         return end.code
-
-
-def test_robots_lists_panda(capsys):
-    assert main(["robots"]) == 0
-    assert "panda" in capsys.readouterr().out.split()
 
 
 @pytest.mark.parametrize(

@@ -93,25 +93,6 @@ def test_standard_output_has_one_object_and_nothing_else(name, words_of, capfd):
     assert "Traceback" not in err
 
 
-def test_a_cover_that_is_proved_says_what_it_is_like(tmp_path, capfd):
-    words = [str(two_links(tmp_path)), "--spheres", "2", "--out", str(tmp_path)]
-    assert main(["cover", *words, "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["proved"] is True
-    assert told["wrote"] == str(tmp_path / "cover.json")
-    assert {"count", "max_protrusion", "proved", "volume_ratio"} <= set(told["links"]["upper"])
-    assert main(["cover", "panda", "--check", "--json"]) == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["wrote"] is None
-    assert told["links"]["panda_hand"]["proved"] is True
-    few = tmp_path / "few.yml"
-    few.write_text("collision_spheres: {upper: [{center: [0.0, 0.0, 0.0], radius: 0.05}]}\n")
-    assert main(["cover", str(tmp_path / "arm.urdf"), "--import", str(few), "--json"]) == 1
-    told = json.loads(capfd.readouterr().out)
-    assert told["proved"] is False
-    assert told["gaps"]["upper"]["share"] > 0.0
-
-
 def test_a_table_and_an_object_cannot_share_standard_output(recording, capsys):
     assert main(["replay", str(recording), "--csv", "-", "--json"]) == 2
     assert "standard output" in capsys.readouterr().err

@@ -19,9 +19,9 @@ from armguard.app.loop import (
     LONGEST_SPELL,
     REST,
     Durations,
+    Observer,
     RateLoop,
     RunOptions,
-    RunRecording,
     run,
 )
 from armguard.clock import ManualClock
@@ -29,7 +29,7 @@ from armguard.exceptions import StreamError
 from armguard.messages.answers import VerdictMessage
 from armguard.recording import replay
 from armguard.recording.events import Log
-from armguard.streams import Edge, EdgeSettings, FaultLog, Publisher, SocketInput, VerdictReader
+from armguard.streams import Edge, EdgeSettings, FaultLog, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
 from support.recordings_made import read_events
 
@@ -81,7 +81,10 @@ def make_loop(script, clock, publish, text=CELL, answers=None, rest=None, **opti
         if answers is not None:
             answers.append((number, verdict))
 
-    return RateLoop(monitor, edge, [script], clock, publish, answer, rest=rest)
+    observer = Observer()
+    if rest is not None:
+        observer.rest = rest
+    return RateLoop(monitor, edge, [script], clock, publish, answer, [observer])
 
 
 # The loop
@@ -127,22 +130,6 @@ def test_what_can_wait_is_done_between_ticks_and_only_where_there_is_time():
     # The second tick takes longer than its period, so the third one follows at once.
     assert loop.late == 1
     assert told == [1, "rest", 2, 3, "rest", 4, "rest", 5]
-
-
-def test_an_input_that_had_more_than_a_tick_takes_is_told():
-    backlog = [ball(0.001) for _ in range(1000)]
-    report = make_loop(Script(backlog, []), ManualClock(), lambda verdict: None).run(0.002)
-    assert report.cut_short >= 1
-
-
-def test_without_joint_states_nothing_is_known():
-    verdicts = []
-    make_loop(Script([], []), ManualClock(3.0), verdicts.append).run(duration=0.002)
-    for verdict in verdicts:
-        assert verdict.level is Level.STOP
-        assert verdict.contact_time == 0.0
-        assert not verdict.complete
-        assert verdict.speed_scale == 0.0
 
 
 PLANNED = CELL.replace("[sources.camera]", '[monitor]\nmotion = "planned"\n[sources.camera]')
@@ -345,41 +332,16 @@ def test_a_latched_stop_is_reset_by_the_token():
 # The whole of it, on real sockets
 
 
-def test_obstacles_and_joints_in_verdicts_out(tmp_path):
-    inputs, outputs = f"ipc://{tmp_path}/in", f"ipc://{tmp_path}/out"
-    seen = []
-    with Publisher(inputs, "camera") as publisher, VerdictReader(outputs) as reader:
-
-        def observe(loop, verdict):
-            now = time.monotonic()
-            publisher.joints(now, NAMES, READY, np.zeros(7))
-            publisher.update(["ball"], now, [[9.0, 0.0, 0.5]], [[0.0, 0.0, 0.0]], radius=0.1)
-            latest = reader.latest()
-            if latest is not None:
-                seen.append((latest, time.monotonic(), reader.silent()))
-                if latest.level is Level.CLEAR:
-                    raise KeyboardInterrupt
-
-        cell = Cell.from_text(CELL)
-        report = run(cell, RunOptions(inputs, inputs, outputs, duration=PATIENCE), observe=observe)
-        verdict, now, _ = seen[-1]
-        assert verdict.level is Level.CLEAR
-        assert verdict.obstacle == "ball"
-        assert abs(verdict.stamp - now) < 1.0
-        assert verdict.valid_until - verdict.stamp < 1.0
-        assert report.faults == {}
-        assert reader.silent(verdict.valid_until + 0.001)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("realtime", [True, False])
 def test_what_the_system_refuses_is_told_once(tmp_path, capsys, realtime):
     addresses = [f"ipc://{tmp_path}/{name}" for name in ("obstacles", "joints", "verdicts")]
     policies = set()
+    observer = Observer()
+    observer.observe = lambda loop, verdict: policies.add(os.sched_getscheduler(0))
     report = run(
         Cell.from_text(CELL),
         RunOptions(*addresses, duration=0.05, realtime=realtime),
-        observe=lambda loop, verdict: policies.add(os.sched_getscheduler(0)),
+        observer=observer,
     )
     lines = capsys.readouterr().err.splitlines()
     if realtime:
@@ -413,9 +375,10 @@ RUN = """
 import sys
 from pathlib import Path
 from armguard.app.cell.cell import Cell
-from armguard.app.loop import RunOptions, run
+from armguard.app.loop import Observer, RunOptions, run
 from armguard.verdict import Level
-levels = []
+levels, observer = [], Observer()
+observer.observe = lambda loop, verdict: levels.append(verdict.level.name)
 print("ready", flush=True)
 report = run(
     Cell.load(sys.argv[1]),
@@ -424,7 +387,7 @@ report = run(
         verdicts_address=sys.argv[3],
         record=Path(sys.argv[4]) if len(sys.argv) > 4 else None,
     ),
-    observe=lambda loop, verdict: levels.append(verdict.level.name),
+    observer=observer,
 )
 print(report.received, report.faults, sorted(set(levels)), len(levels), sep=";")
 """
@@ -494,17 +457,6 @@ class StuckRecorder:
 
     def find_trouble(self):
         return "the process that writes it has ended"
-
-
-def test_a_loop_that_never_rests_tells_as_well_that_its_recording_is_not_written():
-    clock, verdicts, lines = ManualClock(), [], []
-    loop = make_loop(Script([], []), clock, verdicts.append)
-    recording = RunRecording(StuckRecorder(), FaultLog(clock.now, print), None, lines.append)
-    loop.tick()
-    for _ in range(3):
-        recording.recorder.note_verdict = verdicts.append
-        recording.observe(loop, verdicts[0])
-    assert lines == ["the recording is not written: the process that writes it has ended"]
 
 
 def test_a_recording_that_is_not_written_any_more_is_told_at_once(tmp_path):

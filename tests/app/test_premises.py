@@ -6,12 +6,8 @@ from armguard.obstacles import Obstacles
 from support.panda_monitor import make_monitor
 
 
-def test_each_premise_is_a_line_and_has_an_explanation():
-    lines = list_premises()
-    assert lines == [f"premise: {premise.text}" for premise in Premise]
-    for premise in Premise:
-        assert "\n" not in premise.text
-        assert premise.explanation.endswith(".")
+def test_each_premise_is_a_line():
+    assert list_premises() == [f"premise: {premise.value}" for premise in Premise]
 
 
 def test_what_a_monitor_was_told_stands_beside_them():
@@ -37,12 +33,6 @@ def test_links_of_other_arms_that_are_only_drawn_are_named():
     )
     assert list_premises(monitor, {"left": ()})[index].endswith("(not watched against: none)")
     assert list_premises(monitor, {})[index] == list_premises()[index]
-
-
-def test_other_arms_and_contact_that_is_wanted_are_premises():
-    lines = list_premises()
-    assert any("other arms" in line and "operating limits" in line for line in lines)
-    assert any("contact that is ignored" in line for line in lines)
 
 
 CELL = """[robot]

@@ -1,8 +1,6 @@
 import os
 import select
 import signal
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -56,19 +54,6 @@ def enter_and_ask():
     """What is noted in the thread that calls this."""
     with noted_interrupts() as was_interrupted:
         return was_interrupted()
-
-
-def test_a_process_ends_with_the_one_that_started_it():
-    with subprocess.Popen(
-        [sys.executable, "-c", PARENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as parent:
-        child = os.pidfd_open(int(parent.stdout.readline()))
-        try:
-            assert not has_ended(child, 0.6)
-            parent.kill()
-            assert has_ended(child, 20.0)
-        finally:
-            os.close(child)
 
 
 def has_ended(process, patience):

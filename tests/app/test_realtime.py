@@ -14,16 +14,11 @@ import pytest
 
 from armguard.app import realtime
 from armguard.app.realtime import (
-    MAXIMUM_PRIORITY,
     OVERDUE,
     PRIORITY,
     IdleCollector,
-    Realtime,
     request_realtime,
 )
-from armguard.exceptions import ArmguardError
-
-linux = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
 
 ANOTHER_USER = 65534
 
@@ -43,7 +38,6 @@ def see_all():
     )
 
 
-@linux
 def test_what_is_said_is_what_is_and_all_is_undone():
     before = see_all()
     with request_realtime() as granted:
@@ -60,15 +54,6 @@ def test_what_is_said_is_what_is_and_all_is_undone():
     assert see_all() == before
 
 
-@linux
-def test_an_error_inside_undoes_all_too():
-    before = see_all()
-    with pytest.raises(KeyboardInterrupt), request_realtime():
-        raise KeyboardInterrupt
-    assert see_all() == before
-
-
-@linux
 def test_neither_children_nor_threads_have_any_of_it():
     script = "import os; print(os.sched_getscheduler(0), open('/proc/self/status').read())"
     seen = []
@@ -82,14 +67,13 @@ def test_neither_children_nor_threads_have_any_of_it():
     assert int(child.stdout.split("VmLck:")[1].split()[0]) == 0
 
 
-@linux
 def test_a_thread_with_real_time_scheduling_keeps_its_own():
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(3))
     except PermissionError:
         pytest.skip("needs the right to real-time scheduling")
     try:
-        with request_realtime(20) as granted:
+        with request_realtime() as granted:
             assert granted.priority == 3
             assert os.sched_getscheduler(0) == os.SCHED_RR | os.SCHED_RESET_ON_FORK
         assert os.sched_getscheduler(0) == os.SCHED_RR
@@ -107,7 +91,7 @@ except ValueError:
     sys.exit("limits cannot be raised")
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (2**23, 2**23))
 os.setuid(user)
-with request_realtime(10) as granted:
+with request_realtime() as granted:
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
     print(granted.priority, policy, granted.memory_locked, os.sched_getparam(0).sched_priority)
     room = bytearray(2**26)
@@ -116,7 +100,6 @@ print(*granted.refusals, sep="\\n")
 """
 
 
-@linux
 @pytest.mark.skipif(os.getuid() != 0, reason="needs the right to give up rights")
 @pytest.mark.parametrize(("limit", "priority"), [(0, 0), (4, 4), (30, 10)])
 def test_without_privileges_the_limits_count(limit, priority):
@@ -131,7 +114,6 @@ def test_without_privileges_the_limits_count(limit, priority):
     assert len(refusals) == 1 + (priority == 0)
 
 
-@linux
 @pytest.mark.parametrize(("limit", "expected"), [(4, 4), (10, 10), (30, 10), (0, 0), (-1, 0)])
 def test_a_limit_below_the_priority_is_made_use_of(limit, expected, monkeypatch):
     asked = []
@@ -143,12 +125,11 @@ def test_a_limit_below_the_priority_is_made_use_of(limit, expected, monkeypatch)
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
-    with request_realtime(10) as granted:
+    with request_realtime() as granted:
         assert granted.priority == expected
     assert max(asked) <= 10
 
 
-@linux
 def test_each_refusal_is_a_line_that_says_what_to_do(monkeypatch):
     def refuse(*arguments):
         raise PermissionError
@@ -156,19 +137,18 @@ def test_each_refusal_is_a_line_that_says_what_to_do(monkeypatch):
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(realtime, "_may_lock_all", lambda: False)
     before = see_all()
-    with request_realtime(7) as granted:
+    with request_realtime() as granted:
         assert granted[:2] == (0, False)
         assert see_all()[:3] == before[:3]
     scheduling, memory = granted.refusals
     for line, words in (
-        (scheduling, ("`ulimit -r 7`", "limits.conf", "CAP_SYS_NICE")),
+        (scheduling, ("`ulimit -r 10`", "limits.conf", "CAP_SYS_NICE")),
         (memory, ("`ulimit -l unlimited`", "limits.conf", "CAP_IPC_LOCK")),
     ):
         assert "\n" not in line
         assert all(word in line for word in words)
 
 
-@linux
 @pytest.mark.parametrize(
     ("limit", "capabilities", "namespace", "may"),
     [
@@ -191,13 +171,6 @@ def test_memory_is_locked_only_without_a_limit(
     monkeypatch.setattr(realtime, "_USER_MAP", user_map)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (limit, limit))
     assert realtime._may_lock_all() == may
-
-
-def test_other_systems_say_so(monkeypatch):
-    monkeypatch.setattr(sys, "platform", "darwin")
-    with request_realtime() as granted:
-        assert granted == Realtime(0, False, granted.refusals)
-        assert len(granted.refusals) == 1
 
 
 COMPILER = """
@@ -227,7 +200,6 @@ assert double(3.0) == 6.0
 """
 
 
-@linux
 def test_the_compiler_takes_no_memory_and_is_there_where_it_is_called_again(tmp_path):
     program = tmp_path / "program.py"
     program.write_text(COMPILER)
@@ -236,12 +208,6 @@ def test_the_compiler_takes_no_memory_and_is_there_where_it_is_called_again(tmp_
     before, after = map(int, told.stdout.split())
     assert before > 10_000
     assert after < 0.1 * before
-
-
-@pytest.mark.parametrize("priority", [-1, 0, MAXIMUM_PRIORITY + 1, 99])
-def test_priorities_are_modest(priority):
-    with pytest.raises(ArmguardError), request_realtime(priority):
-        pass
 
 
 THRESHOLDS = (50, 3, 3)
@@ -304,12 +270,6 @@ def test_python_does_not_collect_inside_and_does_as_before_afterwards(enabled):
     assert gc.get_freeze_count() == 0
 
 
-def test_what_was_there_at_the_start_is_left_out():
-    kept = [[] for _ in range(10_000)]
-    with IdleCollector(SlowClock()):
-        assert len(gc.get_objects()) < len(kept)
-
-
 def test_garbage_goes_where_there_is_time_for_it():
     with IdleCollector(SlowClock(0.001)) as collector:
         knots = make_knots(2 * THRESHOLDS[0])
@@ -317,13 +277,6 @@ def test_garbage_goes_where_there_is_time_for_it():
         assert count_living(knots) == len(knots)
         collector.collect(0.0015)
         assert count_living(knots) == 0
-
-
-def test_few_objects_are_not_worth_a_collection():
-    with IdleCollector(SlowClock(0.001)) as collector:
-        knots = make_knots(THRESHOLDS[0] // 4)
-        collector.collect(10.0)
-        assert count_living(knots) == len(knots)
 
 
 @pytest.mark.parametrize(("idle", "wait"), [(0.0, OVERDUE), (1.0, 1)])

@@ -12,13 +12,14 @@ import pytest
 
 from armguard.app.cli import MISTAKE, main
 from armguard.app.processes import COMPLAINT
-from armguard.app.replay import COLUMNS, Pace, StopList, find_next, read_changes, read_time
+from armguard.app.replay import COLUMNS, StopList, find_next, read_changes, read_time
 from armguard.app.summary import VerdictCounts
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording, Replay, ReplayedTick
 from armguard.recording.events import Gap
 from armguard.robot import Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
+from armguard.view import ViewProcess
 from support import eventful_runs
 from support.bags_made import usual, write_bag
 from support.recordings_made import record, record_pause
@@ -208,23 +209,6 @@ def test_stops_are_counted_from_their_first_verdict_to_their_last():
     assert (stops.new, stops.seconds) == (1, 4.0)
 
 
-def test_a_replay_is_as_fast_as_is_asked(monkeypatch):
-    time, slept = [10.0], []
-
-    def sleep(duration):
-        slept.append(duration)
-        time[0] += duration
-
-    monkeypatch.setattr("armguard.app.replay.time.monotonic", lambda: time[0])
-    monkeypatch.setattr("armguard.app.replay.time.sleep", sleep)
-    pace = Pace(2.0)
-    for second in (5, 6, 8):
-        pace.wait(second * 1_000_000_000)
-    assert slept == pytest.approx([0.5, 1.0])
-    Pace(None).wait(10**18)
-    assert len(slept) == 2
-
-
 def test_a_time_of_day_is_the_next_one_from_the_start_on():
     start = datetime(2026, 11, 22, 23, 59, 0)
     nanoseconds = round(start.timestamp() * 1e9)
@@ -238,7 +222,6 @@ def test_a_time_of_day_is_the_next_one_from_the_start_on():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--speed", "0"], "--speed: is 0.0"),
         (["--explain", "yesterday"], "--explain: is 'yesterday'"),
         (["--explain", "1e9"], "--explain: is 1e9; expected a time from 0.000 s ("),
         (["--what-if", "latency"], "--what-if: holds 'latency'"),
@@ -284,7 +267,7 @@ def test_the_page_shows_the_replay_and_stays(path, capsys, monkeypatch):
         "armguard.app.replay.MonitorFeed.observe",
         lambda self, *arguments, wall: frames.append(arguments),
     )
-    monkeypatch.setattr("armguard.app.replay.stay", lambda page: stays.append(page.running))
+    monkeypatch.setattr(ViewProcess, "wait", lambda page: stays.append(page.running))
     code, _, err = run(capsys, path, "--view")
     assert code == 0
     assert "see it in the browser: http://127.0.0.1:" in err

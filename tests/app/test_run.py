@@ -18,7 +18,7 @@ import zmq
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
-from armguard.app.premises import Premise, summarise_premises
+from armguard.app.premises import Premise
 from armguard.app.run import describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
 from armguard.recording import Recording
@@ -82,13 +82,14 @@ def test_a_wrong_cell_is_a_mistake(cell, addresses, text, words, capsys):
     check_mistake(capsys, ["run", str(cell), "--duration", "0.1", *addresses], words)
 
 
-def test_a_missing_cell_is_a_mistake(capsys):
-    check_mistake(capsys, ["run", "/nowhere/cell.toml"], "/nowhere/cell.toml")
-
-
-@pytest.mark.parametrize("option", ["--obstacles", "--joints", "--verdicts", "--view"])
 @pytest.mark.parametrize(
-    "address", ["tcp://0.0.0.0:5701", "tcp://192.168.0.1:5701", "tcp://localhost:5701", "rubbish"]
+    ("option", "address"),
+    [
+        ("--obstacles", "tcp://0.0.0.0:5701"),
+        ("--joints", "tcp://192.168.0.1:5701"),
+        ("--verdicts", "rubbish"),
+        ("--view", "tcp://0.0.0.0:5701"),
+    ],
 )
 def test_an_address_beyond_this_machine_is_a_mistake(cell, addresses, option, address, capsys):
     check_mistake(capsys, ["run", str(cell), *addresses, option, address], address)
@@ -135,14 +136,6 @@ def add_keys(cell, folder, **rights):
     return keys
 
 
-def test_keys_that_others_can_read_are_a_mistake_before_anything_is_compiled(
-    cell, tmp_path, addresses, capsys
-):
-    add_keys(cell, tmp_path)
-    (tmp_path / "monitor.secret").chmod(0o644)
-    check_mistake(capsys, ["run", str(cell), *addresses], "monitor.secret: can be read by others")
-
-
 def test_a_run_with_keys_hears_and_answers_its_clients_on_every_interface(cell, tmp_path):
     keys = add_keys(
         cell, tmp_path, camera=["obstacles"], controller=["joints", "verdicts"], desk=["verdicts"]
@@ -185,11 +178,6 @@ def test_an_address_in_use_is_a_mistake(cell, addresses, option, capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         check_mistake(capsys, ["run", str(cell), *addresses, option, address], "in use")
-
-
-@pytest.mark.parametrize("address", ["rubbish", "tcp://10.0.0.1:5704"])
-def test_a_view_of_no_usable_address_is_a_mistake(address, capsys):
-    check_mistake(capsys, ["view", address], address)
 
 
 @pytest.mark.parametrize("command", [["view", "tcp://127.0.0.1:1"], ["demo"], ["show", "ur5"]])
@@ -285,14 +273,6 @@ def test_lines_on_standard_input_are_judged(cell, tmp_path):
     assert "malformed" in err
 
 
-def test_nothing_is_asked_of_the_system_where_it_is_not_wanted(cell, addresses, capsys):
-    options = ["--duration", "0.05", "--json", "--no-realtime"]
-    assert main(["run", str(cell), *addresses, *options]) == 0
-    out, err = capsys.readouterr()
-    assert json.loads(out)["realtime"] is None
-    assert err == ""
-
-
 def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_path, capfd):
     cell.write_text(f'settings = "auto"\n{CELL}[monitor]\nrate = 50.0\n')
     record = tmp_path / "day.mcap"
@@ -306,16 +286,8 @@ def test_a_run_tells_which_settings_a_trial_chose_and_why(cell, addresses, tmp_p
         assert f"settings chosen: {line}\n" in told
     assert "cannot be told from the finest: its level in" in told
     for premise in Premise:
-        assert f"premise: {premise.text}" in told
-        assert told.index("verdicts at ") < told.index(premise.text)
-
-
-def test_premises_are_one_line_after_the_addresses(cell, addresses, capfd):
-    options = ["--duration", "0.1", "--no-realtime", "--json"]
-    assert main(["run", str(cell), *addresses, *options]) == 0
-    told = capfd.readouterr().err
-    assert "premise: " not in told
-    assert told.index("verdicts at ") < told.index(summarise_premises())
+        assert f"premise: {premise.value}" in told
+        assert told.index("verdicts at ") < told.index(premise.value)
 
 
 def test_it_ends_with_the_parent_it_was_told_of(cell, addresses, tmp_path):
@@ -430,31 +402,18 @@ def test_verdicts_are_expected_at_the_usual_port_of_the_same_host():
 
 
 @pytest.mark.parametrize(
-    ("joints", "obstacles", "token", "words"),
+    ("joints", "obstacles", "token", "arm", "words"),
     [
-        ("ipc:///a b", "ipc:///o", "x y", "to end it: armguard reset 'ipc:///a b' --token 'x y'"),
-        ("-", "ipc:///o", "x", "to end it: armguard reset ipc:///o --token x"),
-        ("-", "-", "x", 'to end it: a line {"type":"reset","token":"x"}'),
-        ("ipc:///j", "-", None, "obeys no reset: start it anew; with --reset-token TOKEN "),
+        ("ipc:///a b", "ipc:///o", "x y", "", "it: armguard reset 'ipc:///a b' --token 'x y'"),
+        ("-", "ipc:///o", "x", "left", "it: armguard reset ipc:///o --token x --arm left"),
+        ("-", "-", "x", "", 'to end it: a line {"type":"reset","token":"x"}'),
+        ("-", "-", "x", "left", 'a line {"type":"reset","token":"x","arm":"left"}'),
+        ("ipc:///j", "-", None, "", "obeys no reset: start it anew; with --reset-token TOKEN "),
     ],
 )
-def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, words):
+def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, arm, words):
     addresses = {"joints": joints, "obstacles": obstacles, "verdicts": VERDICTS_ADDRESS}
-    remedy = describe_remedy(addresses, token)
-    assert words in remedy
-
-
-@pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("ipc:///j", "armguard reset ipc:///j --token x --verdicts ipc:///v --arm left"),
-        ("-", 'a line {"type":"reset","token":"x","arm":"left"}'),
-    ],
-)
-def test_the_remedy_names_the_arm_where_there_are_several(address, words):
-    addresses = {"joints": address, "obstacles": address, "verdicts": "ipc:///v"}
-    remedy = describe_remedy(addresses, "x", arm="left")
-    assert remedy.endswith(words)
+    assert words in describe_remedy(addresses, token, arm=arm)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])

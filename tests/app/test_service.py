@@ -52,14 +52,6 @@ def make(name, count_ticks, timeout=0.1):
     return ServiceNotifier.from_environment(count_ticks, {"NOTIFY_SOCKET": name, **usec})
 
 
-def test_it_is_ready_with_its_first_tick_and_feeds_the_watchdog_while_ticks_go_on(manager):
-    listener, name = manager
-    ticks = iter(range(10**9))
-    with make(name, lambda: next(ticks)):
-        assert [hear(listener) for _ in range(4)] == ["READY=1"] + ["WATCHDOG=1"] * 3
-    assert hear_all(listener)[-1] == "STOPPING=1"
-
-
 def test_a_loop_that_hangs_feeds_nothing(manager):
     listener, name = manager
     ticks = [7]
@@ -77,15 +69,6 @@ def test_without_a_tick_it_never_says_that_it_is_ready(manager):
     with make(name, lambda: 0):
         time.sleep(0.2)
     assert hear_all(listener) == ["STOPPING=1"]
-
-
-def test_without_a_watchdog_it_says_once_that_ticks_go_on(manager):
-    listener, name = manager
-    ticks = iter(range(1, 10**9))
-    with make(name, lambda: next(ticks), timeout=None):
-        assert hear(listener) == "READY=1"
-        time.sleep(0.2)
-    assert [word for word in hear_all(listener) if word != "WATCHDOG=1"] == ["STOPPING=1"]
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,9 @@ from armguard.app.view_feed import (
     PAIR_LIMIT,
     ROW_LIMIT,
     MonitorFeed,
-    Origin,
 )
 from armguard.view import FrameMessage, SceneMessage
-from armguard.view.messages import decode_message, encode_message
+from armguard.view.messages import Origin, decode_message, encode_message
 
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
 
@@ -171,6 +170,17 @@ def test_a_stop_between_two_frames_is_told_with_the_next_one(robot):
     told = [frame.verdict.level for frame in messages.frames]
     assert told.count("STOP") == 1
     assert told[-1] != "STOP"
+    # One that was left and taken on again between two frames is told twice.
+    count = len(messages.frames)
+    clear, stop = (
+        next(one for one in verdicts if (one.level.name == "STOP") == is_stop)
+        for is_stop in (False, True)
+    )
+    again = stop._replace(sequence=stop.sequence + 5)
+    for now, verdict in ((0.07, stop), (0.071, clear), (0.072, again)):
+        feed.note(verdict, now)
+    feed.publish(0.2, Durations(), 0)
+    assert [frame.verdict.level for frame in messages.frames[count:]] == ["STOP", "STOP"]
 
 
 def test_a_latch_tells_since_when_and_a_source_how_it_is_heard(robot):

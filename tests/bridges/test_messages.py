@@ -8,7 +8,6 @@ import pytest
 from armguard import Robot
 from armguard.bridges import messages
 from armguard.bridges.messages import (
-    DETECTIONS,
     MARKERS,
     PEOPLE,
     POSES,
@@ -21,7 +20,6 @@ from armguard.exceptions import ArmguardError
 from support.bags_made import (
     NAMES,
     READY,
-    detections,
     joint_state,
     marker,
     markers,
@@ -61,14 +59,6 @@ def test_bodies_of_several_kinds_are_grouped_or_made_alike():
         assert {tuple(one) for one in points} == {tuple(one) for one in body.points}
     (empty,) = make_batches(whole._replace(bodies=[]), "camera", 0.5, snapshot=True)
     assert empty.ids == []
-
-
-def test_what_has_gone_is_told_before_what_is_there():
-    reader = ObstacleReader("/things", MARKERS)
-    reader.read(markers(marker(0.0, 2, 1), marker(0.0, 2, 2)))
-    gone, shown = reader.read(markers(marker(0.1, 0, 9, action=3), marker(0.1, 2, 2)))
-    assert gone == ["1", "2"]
-    assert [body.id for body in shown[0].bodies] == ["2"]
 
 
 def balls(count):
@@ -157,13 +147,6 @@ def test_markers_keep_their_stamps_and_a_snapshot_has_the_oldest():
 def test_topics_that_cannot_be_read_are_refused_by_name(kind, radius, words):
     with pytest.raises(ArmguardError, match=words):
         ObstacleReader("/x", kind, radius)
-
-
-def test_detections_are_boxes():
-    _, (shown,) = ObstacleReader("/seen", DETECTIONS).read(
-        detections(0.0, [("a", (1, 0, 0), (2, 4, 6))])
-    )
-    assert np.ptp(shown.bodies[0].points, axis=0).tolist() == [2, 4, 6]
 
 
 def test_a_quaternion_of_any_length_turns_and_one_of_zeros_does_not():

@@ -3,8 +3,6 @@ import os
 import select
 import signal
 import subprocess
-import sys
-import textwrap
 import time
 from pathlib import Path
 
@@ -15,10 +13,10 @@ import pytest
 import armguard
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import VerdictMessage, to_verdict_message
-from armguard.messages.events import FaultsTaken, Payload, StaticObstacle
+from armguard.messages.events import FaultsTaken, StaticObstacle
 from armguard.messages.incoming import IgnoreMessage, ObstaclesMessage, WatchMessage
 from armguard.obstacles import Obstacles, Source
-from armguard.recording import Recorder, Recording, replay
+from armguard.recording import Recorder, replay
 from armguard.recording import recorder as recorder_module
 from armguard.recording.events import BodiesChanged, Gap, JointState, Log, MalformedState
 from armguard.recording.recorder import check_new
@@ -103,17 +101,6 @@ def test_tools_are_recorded_too(tmp_path):
     assert replay(path).is_identical
 
 
-def test_a_payload_that_was_told_before_is_recorded_too(tmp_path):
-    path = tmp_path / "run.mcap"
-    _, monitor = make_monitor()
-    monitor.payload = 1.0
-    with Recorder(path, monitor):
-        stand(monitor, 5)
-    assert [event.payload for event in read_events(path) if isinstance(event, Payload)] == [1.0]
-    report = replay(path)
-    assert report.is_identical, report.difference
-
-
 def test_exemptions_that_were_told_before_are_recorded_too(tmp_path):
     """Their beginnings and ends as well, in lines for people."""
     path, zone = tmp_path / "run.mcap", np.vstack([np.zeros(3), np.eye(3)])
@@ -146,15 +133,6 @@ def ended(monitor):
     """A monitor with an exemption that has ended already."""
     monitor.watch(monitor.ignore("*", "post", until=1.0))
     return monitor
-
-
-def test_lines_for_people_are_recorded(tmp_path):
-    path = tmp_path / "run.mcap"
-    recorder, _, _ = start(path)
-    recorder.note("malformed: camera: radius is −1")
-    recorder.close()
-    (line,) = (event for event in read_events(path) if isinstance(event, Log))
-    assert line.message == "malformed: camera: radius is −1"
 
 
 def test_what_cannot_be_recorded_is_a_gap_and_harms_nobody(tmp_path, monkeypatch):
@@ -309,26 +287,6 @@ def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     assert not report.is_identical
 
 
-def test_what_writes_may_be_killed_and_the_file_reads_up_to_its_last_chunk(tmp_path, monkeypatch):
-    monkeypatch.setattr(recorder_module, "subprocess", subprocess)  # the real process
-    path = tmp_path / "run.mcap"
-    recorder, _, monitor = start(path)
-    expected = stand(monitor, 200)
-    wait_until(lambda: path.stat().st_size > 200_000 or count_verdicts(path) >= 200)
-    os.kill(recorder.pid, signal.SIGKILL)
-    wait_until(lambda: not is_running(recorder.pid))
-    stand(monitor, 50, 200)
-    assert "not complete" in recorder.close()
-    recording = Recording(path)
-    assert len(list(recording.events()))
-    assert recording.is_cut_off
-    report = replay(path)
-    assert report.is_cut_off
-    assert report.is_identical
-    assert report.compared == 200
-    assert repr(read_verdicts(path)) == repr(expected)
-
-
 def test_the_process_that_writes_is_ended_by_the_loop_and_not_by_a_signal_to_both(
     tmp_path, monkeypatch
 ):
@@ -345,17 +303,6 @@ def test_the_process_that_writes_is_ended_by_the_loop_and_not_by_a_signal_to_bot
     assert replay(path).compared == 40
 
 
-def test_a_recording_that_ended_before_the_loop_is_not_complete(tmp_path):
-    recorder, _, monitor = start(tmp_path / "run.mcap")
-    os.kill(recorder.pid, signal.SIGSTOP)
-    stand(monitor, 20)
-    process = recorder._process
-    os.kill(recorder.pid, signal.SIGKILL)
-    process.wait()
-    process.returncode = 0
-    assert "not complete" in recorder.close()
-
-
 def test_a_context_is_not_left_in_silence_where_the_file_is_not_complete(tmp_path):
     recorder, _, monitor = start(tmp_path / "run.mcap")
     recorder.__enter__()
@@ -363,74 +310,6 @@ def test_a_context_is_not_left_in_silence_where_the_file_is_not_complete(tmp_pat
     os.kill(recorder.pid, signal.SIGKILL)
     with pytest.warns(RuntimeWarning, match="is not complete"):
         recorder.__exit__(None, None, None)
-
-
-def test_heartbeats_and_empty_snapshots_are_recorded(tmp_path):
-    path = tmp_path / "run.mcap"
-    recorder, obstacles, monitor = start(path)
-    obstacles.update([], 0.0, source="camera")
-    stand(monitor, 3)
-    obstacles.update([], PERIOD, np.zeros((0, 4, 3)), source="camera", snapshot=True)
-    stand(monitor, 3, 3)
-    assert recorder.close() == ""
-    assert replay(path).compared == 6
-    assert replay(path).is_identical
-
-
-def count_verdicts(path):
-    """Verdicts that can be read by now."""
-    try:
-        return sum(isinstance(event, VerdictMessage) for event in read_events(path))
-    except ArmguardError:
-        return 0
-
-
-LOOP = textwrap.dedent(
-    """
-    import sys
-    from armguard.recording import Recorder
-    from support import eventful_runs
-
-    _, obstacles, monitor = eventful_runs.make_monitor("joint")
-    recorder = Recorder(sys.argv[1], monitor)
-    print(recorder.pid, flush=True)
-    eventful_runs.drive(monitor, obstacles, ticks=10**9)
-    """
-)
-
-
-def test_the_loop_may_be_killed_and_all_that_it_told_is_in_the_file(tmp_path):
-    path = tmp_path / "run.mcap"
-    paths = [os.path.dirname(os.path.dirname(armguard.__file__)), *sys.path]
-    paths.append(os.path.dirname(os.path.dirname(__file__)))
-    loop = subprocess.Popen(
-        [sys.executable, "-c", LOOP, path],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
-    )
-    with loop:
-        writer = int(loop.stdout.readline())
-        wait_until(lambda: path.stat().st_size > 100_000)
-        loop.kill()
-    wait_until(lambda: not is_running(writer))
-    recording = Recording(path)
-    events = [event for _, event, _ in recording.events()]
-    assert not recording.is_cut_off, "what writes the file ends it when the loop has gone"
-    states = sum(isinstance(event, JointState | MalformedState) for event in events)
-    verdicts = sum(isinstance(event, VerdictMessage) for event in events)
-    assert states - verdicts in (0, 1)
-    assert replay(path).is_identical
-
-
-def test_a_recorder_may_be_closed_twice_and_then_nothing_is_told(tmp_path):
-    path = tmp_path / "run.mcap"
-    recorder, obstacles, monitor = start(path)
-    assert recorder.close() == recorder.close() == ""
-    assert monitor.journal is obstacles.journal is None
-    stand(monitor, 3)
-    assert not read_events(path)
-    assert not is_running(recorder.pid)
 
 
 def test_it_must_be_made_before_anything_is_told_that_a_replay_needs(tmp_path):

@@ -81,17 +81,6 @@ def test_obstacles_are_drawn_as_they_were_reported(made):
     assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["d"]
 
 
-def test_a_heartbeat_changes_nothing_and_an_empty_snapshot_clears_the_cell(made):
-    _, data, settings = made
-    scene = Scene(data, settings)
-    scene.take_update(update(["a"], [1, 2, 3]))
-    scene.take_update(update([], []))
-    scene.take_update(update([], [], frame="tilted"))
-    assert [text["text"] for text in draw(scene)["obstacles"]["texts"]] == ["a"]
-    scene.take_update(update([], [], snapshot=True))
-    assert not draw(scene)["obstacles"]["texts"]
-
-
 def test_a_crowd_is_drawn_in_part(made):
     _, data, settings = made
     scene = Scene(data, settings)

@@ -36,31 +36,6 @@ def open_file(path):
     return PatientFile(os.open(path, os.O_WRONLY | os.O_CREAT, 0o644))
 
 
-def test_a_file_keeps_what_the_disk_does_not_take_and_tries_again(tmp_path, monkeypatch, capsys):
-    path = tmp_path / "file"
-    file = open_file(path)
-    write, room = os.write, [3]
-
-    def take(descriptor, data):
-        if not room[0]:
-            raise OSError(28, "No space left on device")
-        length = min(room[0], len(data))
-        room[0] -= length
-        return write(descriptor, bytes(data[:length]))
-
-    monkeypatch.setattr(os, "write", take)
-    file.write(b"what is written")
-    for _ in range(3):
-        file.flush()
-        assert (file.problem, file.unwritten) == ("No space left on device", 12)
-    assert capsys.readouterr().err.count("cannot be written") == 1
-    assert file.tell() == 15
-    room[0] = 1000
-    file.flush()
-    assert (file.problem, file.unwritten) == ("", 0)
-    assert path.read_bytes() == b"what is written"
-
-
 def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
     write, is_full = os.write, [False]

@@ -541,36 +541,6 @@ def test_a_level_that_is_held_tells_its_cause_and_when_it_may_rise(feed, page):
 
 
 # Labels that touch the next one, or leave the panel.
-FIND_TOUCHING = """() => {
-    const all = [...document.querySelectorAll("#buckets u + b")];
-    const labels = all.filter((one) => one.textContent);
-    const spans = labels.map((one) => {
-        const range = document.createRange();
-        range.selectNodeContents(one);
-        const { left, right } = range.getBoundingClientRect();
-        return { text: one.textContent, left, right };
-    });
-    const end = document.getElementById("buckets").getBoundingClientRect().right;
-    return spans.filter((one, k) => one.right + 3 > (spans[k + 1]?.left ?? end))
-        .map(({ text }) => text);
-}"""
-
-
-@pytest.mark.parametrize("period", [1e-3, 4e-3, 0.01, 1.0 / 30.0])
-def test_labels_of_the_legend_do_not_touch(browser, period):
-    feed, page = Feed(robot="bare", period=period), open_page(browser)
-    try:
-        with launch(feed.publisher.address) as view:
-            page.goto(view.url)
-            wait_for_text(page, "level", "STOP")
-            for width, height in SIZES:
-                page.set_viewport_size({"width": width, "height": height})
-                assert page.evaluate(FIND_TOUCHING) == []
-    finally:
-        feed.close()
-    page.close()
-
-
 def test_no_text_from_data_is_markup(browser):
     page = open_page(browser)
     feed = Feed(robot="<b>bare</b>", sensors=(("<b>camera</b>", (1.0,) * 16),))
@@ -620,15 +590,6 @@ def test_no_text_from_data_is_markup(browser):
     page.close()
 
 
-def test_a_stop_tells_how_to_have_it_explained(feed, page):
-    stop = show_person("STOP")["verdict"]
-    feed.show("STOP", verdict=msgspec.structs.replace(stop, since=12.3456))
-    wait_for_text(page, "command", "armguard replay FILE --explain 12.345")
-    assert "start the run with --record FILE" in page.inner_text("#hint")
-    feed.show("CLEAR")
-    page.wait_for_selector("#why", state="hidden")
-
-
 def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
     """The first is held by a debugger, amid its work, as long as the second takes."""
     feed.show("CLEAR")
@@ -649,29 +610,6 @@ def test_a_page_that_hangs_does_not_hold_up_another(feed, view, browser, page):
     wait_for_text(page, "level", "SLOW")
     other.close()
     assert page.problems == []
-
-
-def test_meshes_are_drawn_with_fewer_triangles_in_the_same_place(page):
-    """Against a ball of 131,072 triangles in two materials, of which both stay."""
-    before, after, materials, size, centre = page.evaluate("""async () => {
-        const { simplify } = await import("./meshes.js"), THREE = MeshCat.THREE;
-        const fine = new THREE.SphereGeometry(0.3, 256, 257).translate(1, 2, 3).toNonIndexed();
-        const count = fine.attributes.position.count;
-        fine.addGroup(0, count / 2, 0);
-        fine.addGroup(count / 2, count / 2, 1);
-        const paints = [0xff0000, 0x00ff00].map((color) => new THREE.MeshPhongMaterial({ color }));
-        const mesh = new THREE.Mesh(fine, paints);
-        simplify(mesh);
-        const { geometry } = mesh;
-        geometry.computeBoundingBox();
-        const { min, max } = geometry.boundingBox;
-        return [count / 3, geometry.index.count / 3, mesh.material.map((one) => one.color.getHex()),
-            max.clone().sub(min).toArray(), max.clone().add(min).multiplyScalar(0.5).toArray()];
-    }""")
-    assert after < before / 10
-    assert materials == [0xFF0000, 0x00FF00]
-    assert size == pytest.approx([0.6] * 3, abs=0.03)
-    assert centre == pytest.approx([1.0, 2.0, 3.0], abs=0.01)
 
 
 # Whether the band of the levels below the strip has a colour in it.
@@ -730,7 +668,8 @@ def test_readers_of_the_screen_hear_of_levels_and_of_no_numbers(feed, page):
     wait_for_text(page, "announcement", "STOP")
     heard = page.evaluate("() => heard")
     assert heard[-1] == "STOP"
-    assert set(heard) <= {*LEVELS, "NO DATA"}  # a busy machine may be silent for a while
+    # A busy machine may be silent for a while, and lag behind what was shown before.
+    assert set(heard) <= {*LEVELS, "NO DATA", "WAITING"}
     assert all(one != other for one, other in itertools.pairwise(heard))
     unnamed = "() => document.querySelectorAll('canvas:not([aria-label])').length"
     assert page.evaluate(unnamed) == 0
@@ -761,51 +700,6 @@ def test_buffers_do_not_grow_while_it_runs(feed, page):
         held.append(page.evaluate(count))
     assert held[2] == held[1]
     assert page.problems == []
-
-
-def test_a_page_in_the_background_is_not_taken_for_a_slow_one(page):
-    """Pictures that the browser holds back keep their pixels; those that it draws slowly do not."""
-    ratios = page.evaluate(
-        """async () => {
-            const { Pace } = await import("./pace.js");
-            let time = 0;
-            const draw = (states) => {
-                const ratios = [];
-                const gl = {
-                    TIMEOUT_EXPIRED: 1, fenceSync: () => ({}), flush() {}, deleteSync() {},
-                    clientWaitSync: () => 0,
-                };
-                const renderer = {
-                    getContext: () => gl, getPixelRatio: () => 1,
-                    setPixelRatio: (ratio) => ratios.push(ratio),
-                };
-                const made = new Pace(
-                    { renderer, needs_render: true, render() {}, set_dirty() {} }, () => {});
-                for (let picture = 0; picture < 20; ++picture) {
-                    for (const hidden of states) {
-                        if (hidden !== document.hidden) {
-                            Object.defineProperty(
-                                document, "hidden", { configurable: true, get: () => hidden });
-                            document.dispatchEvent(new Event("visibilitychange"));
-                        }
-                        made.draw();
-                        time += 500 / states.length;
-                    }
-                }
-                return ratios;
-            };
-            performance.now = () => time;
-            try {
-                // Always seen, always hidden, and hidden between begin and end of each.
-                return [[false], [true], [false, true]].map(draw);
-            } finally {
-                delete document.hidden;
-                delete performance.now;
-                document.dispatchEvent(new Event("visibilitychange"));
-            }
-        }"""
-    )
-    assert ratios == [[0.75], [], []]
 
 
 def test_a_browser_without_webgl_says_so_and_shows_the_rest(feed, view, browser):

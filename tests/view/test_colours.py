@@ -4,21 +4,17 @@ import math
 import numpy as np
 import pytest
 
-from armguard.view.buckets import BUCKET_COUNT, compute_buckets
+from armguard.view.buckets import BUCKET_COUNT
 from armguard.view.colours import (
-    BUCKET_COLOURS,
     FIRST_LEVEL,
-    LEVEL_COLOURS,
     LEVEL_SIGNS,
     LEVELS,
     REFUSED,
-    STILL,
     THEMES,
     choose_paints,
     compute_palette,
     describe_levels,
     find_levels,
-    parse_colour,
 )
 
 STOP_TIME, MARGINS = 0.2, (0.1, 0.3)
@@ -90,19 +86,6 @@ def test_buckets_are_one_scale_to_every_eye(eye, theme):
     assert np.linalg.norm(seen - see(palette[REFUSED], eye), axis=1).min() > LEAST
 
 
-@pytest.mark.parametrize("theme", THEMES)
-def test_a_palette_has_every_colour_and_each_once_more_greyer(theme):
-    palette = compute_palette(theme)
-    assert palette.shape == (2 * STILL, 3)
-    assert np.array_equal(palette[0], parse_colour(BUCKET_COLOURS[theme][0]))
-    assert np.array_equal(palette[FIRST_LEVEL], parse_colour(LEVEL_COLOURS[theme][0]))
-    # Of what is coloured at all.
-    timed = slice(0, FIRST_LEVEL + len(LEVELS))
-    bright, greyer = np.ptp(palette[:STILL][timed], axis=1), np.ptp(palette[STILL:][timed], axis=1)
-    assert (greyer < bright).all()
-    assert ((palette >= 0.0) & (palette <= 1.0)).all()
-
-
 def test_no_colour_stands_alone():
     assert len(set(LEVEL_SIGNS)) == len(LEVELS)
     lines = describe_levels(MARGINS)
@@ -121,13 +104,6 @@ def test_a_contact_time_has_the_level_that_the_monitor_gives_it():
 def test_nothing_is_more_alarming_than_the_verdict(level):
     found = find_levels(np.linspace(0.0, 2.0, 50), STOP_TIME, MARGINS, level)
     assert found.min() == LEVELS.index(level)
-
-
-def test_paints_are_those_of_the_bucket_and_of_the_level():
-    times = [math.nan, 0.1, 0.25, 0.4, 0.5001, math.inf]
-    paints = choose_paints(times, 1e-3, STOP_TIME, MARGINS, "STOP")
-    assert paints.by_bucket.tolist() == compute_buckets(times, 1e-3).tolist()
-    assert (paints.by_level - FIRST_LEVEL).tolist() == [0, 0, 1, 2, 3, 3]
 
 
 def test_an_arm_whose_stop_time_is_unknown_is_red():

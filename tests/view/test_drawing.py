@@ -3,7 +3,7 @@ import pytest
 
 from armguard.view import drawing
 from armguard.view.colours import INK, Paints
-from armguard.view.drawing import Labels, Look
+from armguard.view.drawing import Look
 from support.view_samples import read_command
 
 
@@ -21,13 +21,6 @@ def test_a_key_is_what_a_command_sets():
     ]
     assert len(set(keys)) == len(keys)
     assert drawing.move("/a", 2.0 * pose).key == keys[0]
-
-
-def test_a_pose_goes_column_by_column():
-    pose = np.eye(4)
-    pose[:3, 3] = (1.0, 2.0, 3.0)
-    matrix = read_command(drawing.move("/a", pose).payload)["matrix"]
-    assert matrix[12:15] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(
@@ -56,15 +49,3 @@ def test_nothing_to_draw_is_drawn_as_nothing():
     lines = read_command(drawing.draw_lines("/a", np.zeros((0, 2, 3)), none).payload)
     assert balls["matrices"].size == balls["buckets"].size == 0
     assert lines["positions"].size == lines["buckets"].size == 0
-
-
-def test_looks_and_labels_are_told():
-    look, labels = Look(0.5, segments=8, is_wire=True), Labels(["a", "b"], [0.5, np.inf])
-    balls = drawing.draw_balls(
-        "/a", np.ones((2, 4)), Paints(np.array([3, 15]), np.array([16, 19])), look, labels
-    )
-    told = read_command(balls.payload)
-    assert (told["opacity"], told["segments"], told["wire"]) == (0.5, 8, True)
-    assert told["names"] == ["a", "b"]
-    assert (told["buckets"].tolist(), told["levels"].tolist()) == ([3, 15], [16, 19])
-    assert told["times"].tolist() == [0.5, np.inf]

@@ -42,15 +42,6 @@ def test_the_file_holds_page_viewer_and_all_moments_and_asks_for_nothing(page_st
     assert [drawn[0]["sequence"] for _, drawn in film["moments"]] == numbers
 
 
-def test_modules_name_each_other_by_the_names_of_the_map(page_state, tmp_path):
-    path = tmp_path / "scene.html"
-    write_export(path, [], page_state, draw)
-    modules = re.findall(r"data:text/javascript;base64,([A-Za-z0-9+/=]+)", path.read_text())
-    texts = [base64.b64decode(one).decode() for one in modules]
-    assert len(texts) == len(list(PAGE.glob("*.js")))
-    assert not any(re.search(r'from\s+"\./', text) for text in texts)
-
-
 def test_nothing_to_show_too_much_and_nowhere_to_write_are_said(page_state, tmp_path, monkeypatch):
     with pytest.raises(ArmguardError, match="no moment"):
         write_export(tmp_path / "a.html", [], PageState("tcp://127.0.0.1:1"), draw)

@@ -19,23 +19,6 @@ def read_all(reader):
     return values
 
 
-def test_who_comes_late_is_told_everything_in_order():
-    latest = LatestValues()
-    for value in range(5):
-        latest.set(command("b", value))
-        latest.set(command("a", f"a{value}"))
-    assert read_all(latest.attach()) == [4, "a4"]
-
-
-def test_who_is_slow_is_told_the_present_only():
-    latest = LatestValues()
-    reader = latest.attach()
-    for value in range(1000):
-        latest.set(command(f"key{value % 3}", value))
-    assert sorted(read_all(reader)) == [997, 998, 999]
-    assert reader.take(PREFACE) is None
-
-
 def test_what_did_not_change_is_not_told_again():
     latest = LatestValues()
     reader = latest.attach()

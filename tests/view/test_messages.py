@@ -18,7 +18,7 @@ from support.view_samples import make_frame, make_scene
 
 
 def test_a_scene_comes_back_as_it_was():
-    scene = make_scene(locked={"panda_finger_joint1": 0.02}, urdf="/robot.urdf")
+    scene = make_scene(urdf="/robot.urdf")
     back = decode_message(encode_message(scene))
     assert back == scene
     assert back.cover[0].spheres.shape == (2, 4)

@@ -1,5 +1,3 @@
-import itertools
-
 import numpy as np
 import pytest
 
@@ -40,11 +38,6 @@ def test_no_place_of_a_hull_is_nearer_than_the_end_of_its_line():
         # Samples are in the hull, so none is nearer; some come close.
         assert np.linalg.norm(end) <= least + 1e-9
         assert np.linalg.norm(end) >= least - 0.05
-
-
-def test_the_face_of_a_box_is_met_at_a_right_angle():
-    box = np.array(list(itertools.product((1.0, 2.0), (-1.0, 1.0), (-1.0, 1.0))))
-    assert np.allclose(connect(BALLS[:1], box, 0.0), [[0.1, 0.0, 0.0], [1.0, 0.0, 0.0]])
 
 
 def test_points_that_repeat_are_a_hull_too():

@@ -6,12 +6,10 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from armguard.exceptions import ArmguardError
 from armguard.view.drawing import Command, show
 from armguard.view.latest_values import LatestValues
 from armguard.view.page_state import PageState
 from armguard.view.server import BROWSER_LIMIT, ViewServer
-from support.view_samples import make_frame
 
 TIMEOUT = 5.0
 DONE = '{"type": "done"}'
@@ -146,25 +144,6 @@ def test_who_comes_late_is_told_the_present():
     on_stage(play)
 
 
-def test_who_is_told_before_there_is_news_hears_that():
-    async def play(stage):
-        browser = await stage.browse()
-        assert (await hear(browser))[0]["silence"] is None
-
-    on_stage(play)
-
-
-def test_who_has_not_drawn_the_last_moment_is_told_no_other():
-    async def play(stage):
-        browser = await stage.browse()
-        await hear(browser)
-        for sequence in range(50):
-            stage.show(sequence)
-        assert await hears_nothing(browser)
-
-    on_stage(play)
-
-
 def test_slow_and_quick_browsers_each_get_the_latest():
     async def play(stage):
         slow, quick = await stage.browse(), await stage.browse()
@@ -209,18 +188,6 @@ def test_too_many_browsers_are_sent_away():
         watching[0].close()
         await asyncio.sleep(0.1)
         assert (await hear(await stage.browse()))[0]["type"] == "news"
-
-    on_stage(play)
-
-
-def test_a_port_in_use_and_an_impossible_one_are_named():
-    async def play(stage):
-        port = int(stage.server.url.rstrip("/").rsplit(":", 1)[1])
-        for unusable in (port, 70_000):
-            with pytest.raises(ArmguardError, match=str(unusable)):
-                ViewServer(
-                    stage.values, stage.page_state, stage.draw_past, stage.send_reset, unusable
-                )
 
     on_stage(play)
 
@@ -293,23 +260,6 @@ def test_what_the_past_has_drawn_is_drawn_anew_by_the_present():
         await browser.write_message(DONE)
         await browser.write_message('{"type": "seek", "number": null}')
         assert (await hear(browser))[1]["sequence"] == 1
-
-    on_stage(play)
-
-
-def test_news_tell_each_browser_once_what_was_added_to_the_strip():
-    async def play(stage):
-        browser = await stage.browse()
-        assert (await hear(browser))[0]["moments"] == []
-        for number in range(3):
-            frame = make_frame(now=float(number))
-            stage.page_state.film.add(frame, b"")
-        for expected in (3, 0):
-            await browser.write_message(DONE)
-            await asyncio.sleep(0.05)
-            stage.server.tell()
-            (news,) = await hear(browser)
-            assert len(news["moments"]) == expected
 
     on_stage(play)
 

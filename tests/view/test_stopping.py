@@ -3,9 +3,10 @@ import numpy as np
 import pytest
 
 from armguard import Monitor, Obstacles, Robot
-from armguard.app.view_feed import Origin, make_scene
+from armguard.app.view_feed import make_scene
 from armguard.bounds.braking import BrakingMotion
 from armguard.exceptions import ArmguardError
+from armguard.view.messages import Origin
 from armguard.view.stopping import StoppingVolume
 from support.view_samples import Q, make_frame
 from support.view_samples import make_scene as make_plain_scene

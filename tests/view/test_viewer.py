@@ -4,7 +4,6 @@ import math
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import msgspec
@@ -16,6 +15,7 @@ from tornado.websocket import websocket_connect
 from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, launch, viewer
 from armguard.view.messages import Latch, encode_message
+from armguard.view.process import WatchOptions
 from support.view_samples import make_frame, make_scene
 
 TIMEOUT = 10.0
@@ -29,7 +29,7 @@ def view():
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_quietly(number, capfd):
-    command = [sys.executable, "-m", "armguard.view", "tcp://127.0.0.1:1"]
+    command = [sys.executable, "-m", "armguard.view", '{"address": "tcp://127.0.0.1:1"}']
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert "http://127.0.0.1:" in process.stdout.readline()
         process.send_signal(number)
@@ -102,65 +102,6 @@ def test_it_attaches_to_a_feed_that_comes_and_goes():
         assert process.running
 
 
-def ask_for_reset(url, token):
-    """What becomes of a reset that a page asks for."""
-
-    async def ask():
-        browser = await websocket_connect(HTTPRequest(url.replace("http", "ws") + "feed"))
-        try:
-            await browser.write_message(msgspec.json.encode({"type": "reset", "token": token}))
-            while True:
-                message = await asyncio.wait_for(browser.read_message(), TIMEOUT)
-                first = msgspec.msgpack.decode(message)[0]
-                if first["type"] == "outcome":
-                    return first["text"]
-        finally:
-            browser.close()
-            await asyncio.sleep(0.05)
-
-    return asyncio.run(ask())
-
-
-def show_scene(publisher, url, **scene):
-    """Publish until the page has what is told."""
-    publisher.publish_scene(make_scene(**scene))
-    for sequence in range(100):
-        publisher.publish_frame(make_frame(sequence=sequence))
-        time.sleep(0.02)
-        if sequence > 20 and not math.isnan(silence(url)):
-            return
-
-
-def test_a_reset_from_the_page_reaches_the_monitor_with_its_token():
-    with (
-        FramePublisher("tcp://127.0.0.1:*") as publisher,
-        launch(publisher.address) as process,
-        contextlib.closing(SocketInput("tcp://127.0.0.1:*")) as monitor,
-    ):
-        assert "no monitor" in ask_for_reset(process.url, "sesame")
-        time.sleep(1.1)
-        show_scene(publisher, process.url)
-        assert "obeys no reset" in ask_for_reset(process.url, "sesame")
-        time.sleep(1.1)
-        show_scene(publisher, process.url, reset_address=monitor.address, obeys_reset=True)
-        # A monitor hears of a publisher only while it reads, as it does in every tick.
-        ended = threading.Event()
-
-        def obey():
-            obeyed = 0
-            while not ended.wait(0.005):
-                obeyed += b"sesame" in (monitor.receive() or b"")
-                publisher.publish_frame(make_frame(obeyed_resets=obeyed))
-
-        listener = threading.Thread(target=obey)
-        listener.start()
-        try:
-            assert ask_for_reset(process.url, "sesame").startswith("obeyed")
-        finally:
-            ended.set()
-            listener.join()
-
-
 SEEN = Latch(reason="a person was near", since=1.0)
 
 
@@ -170,7 +111,7 @@ def watch(tmp_path, monkeypatch):
     monkeypatch.setattr(viewer, "REACH_TIMEOUT", TIMEOUT)
     monkeypatch.setattr(viewer, "ANSWER_TIMEOUT", TIMEOUT)
     address = f"ipc://{tmp_path}/in"
-    with contextlib.closing(viewer.Watch("tcp://127.0.0.1:1")) as watch:
+    with contextlib.closing(viewer.Watch(WatchOptions(address="tcp://127.0.0.1:1"))) as watch:
         tell(watch, make_scene(reset_address=address, obeys_reset=True), make_frame())
         watch.monitor_address = address
         yield watch
@@ -308,7 +249,9 @@ def test_a_reset_goes_to_the_machine_of_the_feed(monkeypatch, told, sent_to):
     monkeypatch.setattr(viewer.Watch, "_publish_reset", lambda _, *given: publish(*given))
 
     async def ask():
-        with contextlib.closing(viewer.Watch("tcp://192.0.2.10:5704")) as view:
+        with contextlib.closing(
+            viewer.Watch(WatchOptions(address="tcp://192.0.2.10:5704"))
+        ) as view:
             tell(view, make_scene(reset_address=told, obeys_reset=True, arm="left"), make_frame())
             return await view._send_reset("sesame")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armguard.contact import earliest_contact_pair
-from armguard.lab.simulation import keeps_within, random_trajectory
+from armguard.lab.simulation import random_trajectory
 from armguard.obstacles import Obstacles
 from armguard.pairs import compute_separation
 from armguard.robot import OperatingLimits, Robot
@@ -205,14 +205,6 @@ def test_it_says_what_is_missing(load, monkeypatch, tmp_path):
         load("bench_recordings").main([])
 
 
-@pytest.mark.parametrize("seed", [4, 7])
-def test_a_dead_end_does_not_end_it(load, seed):
-    benchmark, robot = load("bench_recordings"), Robot.load("panda")
-    accept = keeps_within(robot, *benchmark.WORKSPACE)
-    found = random_trajectory(robot, seed, 60.0, speed_fraction=0.115, accept=accept)
-    assert found.duration >= 60.0
-
-
 def test_the_arm_keeps_its_promises(load, trajectory):
     robot, random = trajectory.robot, np.random.default_rng(0)
     working = load("scene.working_arm")
@@ -239,31 +231,6 @@ def test_the_arm_keeps_its_promises(load, trajectory):
             assert arm.rests
     assert rested
     assert 0.0 < arm.progress < 8.0
-
-
-def test_the_arm_comes_down_to_its_speed_limit(load, trajectory):
-    robot = trajectory.robot
-    arm = load("scene.working_arm").WorkingArm(trajectory)
-    limit = 0.05 * robot.velocity_limit
-    for tick in range(600):
-        arm.step(0.01, True, np.inf if tick < 200 else limit)
-        if tick > 300:
-            assert (np.abs(arm.v) <= 1.02 * limit).all()
-    assert np.abs(arm.v).max() > 0.02
-
-
-def test_a_leg_begins_and_ends_at_rest(load, trajectory):
-    working, slew = load("scene.working_arm"), 0.8
-    leg = working.Leg(trajectory, 1.3, slew)
-    assert leg.place(0.0) == 1.3
-    assert not leg.sample(0.0)[1].any()
-    assert leg.place(5.0) == pytest.approx(1.3 + 5.0 - 0.5 / slew)
-    for time in np.random.default_rng(0).uniform(0.01, 40.0, 50):
-        ahead, behind = leg.sample(time + 1e-6)[0], leg.sample(time - 1e-6)[0]
-        np.testing.assert_allclose((ahead - behind) / 2e-6, leg.sample(time)[1], atol=1e-6)
-        rest = leg.next_rest(time)
-        assert rest >= time - 1e-9
-        np.testing.assert_allclose(leg.sample(rest)[1], 0.0, atol=1e-6)
 
 
 def test_the_arm_does_what_it_plans(load, trajectory):
@@ -298,20 +265,3 @@ def test_verdicts_take_effect_when_they_must(load):
     goes = [end for end, (_, go) in zip(ends, steps, strict=True) if go]
     assert max(goes) == pytest.approx(0.015 + 0.022)
     assert min(goes) > 0.002
-
-
-def test_a_stop_is_held(load):
-    plays = load("scene.plays")
-    holder = plays.Holder()
-    assert not holder.update(0.0, True)
-    assert holder.update(0.1, False)
-    assert holder.update(0.1 + 0.9 * plays.RISE_DELAY, True)
-    assert not holder.update(0.1 + 1.1 * plays.RISE_DELAY, True)
-
-
-def test_the_recordings_origin_is_where_the_base_sees_it(load):
-    placement = load("bench_recordings").place_base(1.0, 2.0, 90.0)
-    np.testing.assert_allclose(placement @ [1.0, 2.0, 0.5, 1.0], [0.0, 0.0, 0.5, 1.0], atol=1e-12)
-    # What lies ahead of a base that faces along y is along its x.
-    np.testing.assert_allclose(placement @ [1.0, 3.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0], atol=1e-12)
-    assert math.isclose(np.linalg.det(placement), 1.0)

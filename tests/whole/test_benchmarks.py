@@ -210,40 +210,6 @@ def test_a_short_run(load, capsys):
     assert "deadline, joint" in "".join(lines)
 
 
-def test_walkers_keep_their_distance_and_their_bounds(load):
-    lookouts, crowds = load("scene.lookouts"), load("scene.crowds")
-    walkers = lookouts.Walkers(100, 1.2, 0)
-    step, seen = 1.0 / crowds.RATE, set()
-    for tick in range(1, 3000, 7):
-        names, position, velocity = walkers.measure(tick)
-        later, before = (walkers.measure(tick + k * lookouts.GROUPS) for k in (1, -1))
-        seen.update(names)
-        assert later[0] == names
-        assert (np.hypot(*position.T[:2]) >= 1.2).all()
-        assert (np.linalg.norm(velocity, axis=1) <= crowds.SPEED).all()
-        if tick > lookouts.GROUPS:
-            span = 2 * lookouts.GROUPS * step
-            assert np.allclose((later[1] - before[1]) / span, velocity, atol=1e-3)
-            accel = np.linalg.norm(later[2] - before[2], axis=1) / span
-            assert (accel <= crowds.ACCEL).all()
-    assert len(seen) == 100
-
-
-def test_delays_are_counted_from_when_a_pair_became_the_most_imminent(load):
-    score, looks = load("bench_awareness").Score(), {3: 9, 5: 12}
-
-    class Contestant:
-        def last_look(self, pair):
-            return looks[pair]
-
-    score.waiting = [(3, 10), (5, 10)]
-    score.notice(Contestant())
-    assert (score.delays, score.waiting) == ([2], [(3, 10)])
-    looks[3] = 17
-    score.notice(Contestant())
-    assert (score.delays, score.waiting) == ([2, 7], [])
-
-
 def test_a_short_run_on_awareness(load, capsys, monkeypatch):
     benchmark = load("bench_awareness")
     monkeypatch.setattr(benchmark, "LADDER", (60,))

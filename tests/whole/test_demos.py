@@ -91,39 +91,6 @@ def test_contact_times_of_the_world_are_the_smallest_roots_of_the_quartic(paper)
             assert contact_time[pair] == pytest.approx(expected, rel=1e-7)
 
 
-def test_random_motions_keep_to_their_bounds_and_apart(paper):
-    for seed in range(50):
-        position, velocity = paper.draw_motion(seed)
-        assert position.shape == velocity.shape == (paper.ITERATIONS + 1, 3, 2)
-        change = np.linalg.norm(np.diff(velocity, axis=0), axis=-1)
-        assert (change <= paper.OBJECT_ACCEL * paper.PERIOD * (1 + 1e-12)).all()
-        assert (paper.compute_pairs(position, velocity)[0] > 2 * paper.RADIUS).all()
-        # Displacements over a period follow from the velocities at both of its ends.
-        mean = (velocity[1:] + velocity[:-1]) / 2
-        np.testing.assert_allclose(np.diff(position, axis=0), mean * paper.PERIOD, atol=1e-12)
-
-
-def test_agreement_is_a_count_of_iterations_and_awareness_agrees_with_itself_best(paper):
-    agreement = paper.compute_agreement(60)
-    assert list(agreement) == list(paper.PUBLISHED_AGREEMENT)
-    for counts in agreement.values():
-        assert counts.shape == (60,)
-        assert counts.min() >= 0
-        assert counts.max() <= paper.ITERATIONS
-    means = [counts.mean() for counts in agreement.values()]
-    assert means[0] > max(means[1:])
-
-
-def test_the_references_name_the_smallest_value_of_each_iteration(paper):
-    distance, contact_time = paper.compute_pairs(*paper.draw_motion(3))
-    for schedule, values in [
-        (paper.FullSchedule(), contact_time),
-        (paper.FullSchedule(), distance),
-    ]:
-        named = paper.name_most_imminent(schedule, values)
-        assert named.tolist() == values[1:].argmin(axis=1).tolist()
-
-
 def test_the_paper_prints_its_figures_beside_ours(paper, capsys):
     paper.main(seeds=5)
     printed = capsys.readouterr().out

@@ -31,16 +31,17 @@ RUN = """
 import sys
 from pathlib import Path
 from armguard.app.cell.cell import Cell
-from armguard.app.loop import RunOptions, run
+from armguard.app.loop import Observer, RunOptions, run
 
-def observe(loop, verdict):
-    if Path(sys.argv[1], "fail").exists():
-        raise ZeroDivisionError("as it was asked to")
+class Failing(Observer):
+    def observe(self, loop, verdict):
+        if Path(sys.argv[1], "fail").exists():
+            raise ZeroDivisionError("as it was asked to")
 
 run(
     Cell.load(Path(sys.argv[1], "cell.toml")),
     RunOptions(*(f"ipc://{sys.argv[1]}/{name}" for name in ("obstacles", "joints", "verdicts"))),
-    observe=observe,
+    observer=Failing(),
 )
 """
 

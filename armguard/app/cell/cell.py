@@ -286,7 +286,6 @@ class Cell:
                 radius,
                 table.detection_time,
                 None if table.speed is UNSET else table.speed,
-                None if table.accel is UNSET else table.accel,
             )
         return obstacles
 
@@ -313,16 +312,11 @@ class Cell:
     @property
     def source_limits(self) -> dict[str, SourceLimits]:
         """How much each source that the file names may send."""
-        usual = SourceLimits()
-        return {
-            name: SourceLimits(
-                usual.message_size if table.max_message_size is UNSET else table.max_message_size,
-                usual.message_rate if table.max_message_rate is UNSET else table.max_message_rate,
-                usual.obstacles if table.max_obstacles is UNSET else table.max_obstacles,
-                usual.points if table.max_points is UNSET else table.max_points,
-            )
-            for name, table in self.sources.items()
-        }
+        limits = {}
+        for name, table in self.sources.items():
+            stated = {key: value for key, value in given(table).items() if key.startswith("max_")}
+            limits[name] = SourceLimits(**{key[4:]: value for key, value in stated.items()})
+        return limits
 
     def make_own_points(self, robot: Robot) -> OwnPoints | None:
         """What tells the arm's points from others in clouds; None where `[clouds]` is missing."""

@@ -196,8 +196,6 @@ class EntranceTable(StaticTable, frozen=True, kw_only=True):
     """From leaving it until a source has reported the body, at the longest, in [s]."""
     speed: Positive | UnsetType = UNSET
     """Of what may come out, in [m/s]."""
-    accel: NotNegative | UnsetType = UNSET
-    """Of what may come out, in [m/s²]. It makes no difference to the time of contact."""
 
 
 class RoundTable(_Table, frozen=True, kw_only=True):
@@ -387,6 +385,12 @@ def complete_tables(record: type[msgspec.Struct] = Settings) -> type[CellTables]
     return tables
 
 
+_REMOVED = {
+    "monitor": REMOVED,
+    "entrances": {"accel": "leave it out: the bound on speed alone decides when contact may come"},
+}
+"""By table, keys of earlier versions, and what replaces them."""
+
 _MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
 
 _NAMED: dict[str, type[_Table]] = {
@@ -536,8 +540,8 @@ def _translate(
         return make_error(file, key, "is missing")
     known = getattr(_table_at(kind, steps), "__struct_fields__", ())
     found = value[field[1]] if isinstance(value, Mapping) else value
-    removed = REMOVED.get(key.removeprefix("monitor."))
-    if removed is not None and key.startswith("monitor."):
+    removed = _REMOVED.get(key.partition(".")[0], {}).get(field[1])
+    if removed is not None:
         return make_error(file, key, "is no key any more", f"no such key: {removed}")
     return make_error(
         file, key, f"is no key (its value is {found!r})", f"one of {', '.join(known)}"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armguard.app.cell import Cell
-from armguard.app.loop import RunOptions, run
+from armguard.app.loop import Observer, RunOptions, run
 from armguard.exceptions import CellError
 from armguard.pairs import ArmObstacles
 from armguard.streams.nodes import Publisher
@@ -143,10 +143,14 @@ def test_a_run_watches_its_arm_against_the_other_one_and_takes_its_plan(tmp_path
             found.append(verdict)
             raise KeyboardInterrupt
 
+    observer = Observer()
+    observer.observe = observe
     sender = threading.Thread(target=send)
     sender.start()
     try:
-        report = run(cell, RunOptions(obstacles, joints, verdicts, duration=60.0), observe=observe)
+        report = run(
+            cell, RunOptions(obstacles, joints, verdicts, duration=60.0), observer=observer
+        )
     finally:
         ended.set()
         sender.join()
