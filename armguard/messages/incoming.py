@@ -41,6 +41,8 @@ class MessageError(Exception):
 
     kind = "malformed"
     """What it is counted as."""
+    hides_obstacles = False
+    """Whether it would have told of obstacles, so that the verdict must know of it."""
 
     def __init__(
         self,
@@ -256,6 +258,7 @@ AnyMessage = (
 PACKED = np.dtype("<f8")
 """Of packed numbers."""
 
+_JSON_BEGINS = frozenset((b"{", b" ", b"\t", b"\r", b"\n"))
 _encoder = msgspec.msgpack.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
@@ -286,7 +289,7 @@ def decode(data: bytes) -> AnyMessage:
         MessageError: If it is malformed, truncated, of unknown type, or has a field too many,
             too few or of the wrong type.
     """
-    as_json = is_json(data)
+    as_json = data[:1] in _JSON_BEGINS
     try:
         return _json_decoder.decode(data) if as_json else _msgpack_decoder.decode(data)
     except msgspec.ValidationError as error:
@@ -312,7 +315,7 @@ def read_header(data: bytes) -> Header | None:
 
 def is_json(data: bytes) -> bool:
     """Whether a message is JSON; else it is msgpack."""
-    return data[:1] in (b"{", b" ", b"\t", b"\r", b"\n")
+    return data[:1] in _JSON_BEGINS
 
 
 def _name_mistake(data: bytes, as_json: bool, problem: str) -> MessageError:

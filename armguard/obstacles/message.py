@@ -128,24 +128,6 @@ class MessageMemory:
         if velocities is not None:
             places[1][...] = velocities
 
-    def list_samples(self, count: int, each: int, *numbers: float) -> tuple[Any, ...]:
-        """The samples of the message that was read, until the next one is.
-
-        Args:
-            count: Of its samples.
-            each: Of which fields there is one number for each sample, a bit for each of `FIELDS`.
-            numbers: The others, in the order of `FIELDS`.
-
-        Returns:
-            Points, velocities, and each of `FIELDS` as one number or an array.
-        """
-        fields: list[Any] = list(numbers)
-        if each:
-            for i, own in enumerate(self.fields):
-                if each >> i & 1:
-                    fields[i] = own[:count]
-        return (*self._hulls, *fields)
-
     def fit(self, count: int, points_each: int) -> None:
         """Make room for so many samples of so many points each; what stood there is void."""
         if (count, points_each) == self._shape:

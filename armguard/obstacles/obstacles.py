@@ -47,7 +47,7 @@ from armguard.obstacles.clouds import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frame_history import FrameHistory
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory
+from armguard.obstacles.message import MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.settings import ObstacleSettings
@@ -220,62 +220,67 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
+        try:
+            names = ids if type(ids) is list else read_ids(ids)
+            count = len(names)
+            points = read_points("position", position, count)
+            velocities = None if velocity is None else read_points("velocity", velocity, count)
+            bounds = [
+                None if value is None else read_field(name, value, count)
+                for name, value in (("radius", radius), ("accel", accel), ("speed", speed))
+            ]
+            errors = (
+                read_field("position_error", position_error, count),
+                read_field("velocity_error", velocity_error, count),
+            )
+        except ObstacleError as error:
+            raise self._leave_malformed(error, source, stamp) from None
+        arrays = points, velocities, *bounds, *errors
+        self.take(ObstacleBatch._make((names, stamp, *arrays, source, frame, snapshot)))
+
+    def take(self, batch: ObstacleBatch) -> bool:
+        """Takes a message of a source as `update` does; its numbers are read already.
+
+        Args:
+            batch: Its arrays have the shapes that `ObstacleBatch` names, and may be overwritten
+                once this has returned. All else is checked here.
+
+        Returns:
+            Whether each sample was simply taken; the others have left faults.
+
+        Raises:
+            ObstacleError: The message is malformed; nothing of it is taken, and a fault is left.
+        """
+        ids, stamp, points, velocities, *numbers, source, frame, snapshot = batch
         known = self._sources.find(source) if isinstance(source, str) else None
         resolved = None if known is None else self._recall(ids, known.index)
         try:
             if resolved is None:
-                resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
+                names = read_ids(ids)
                 if not self.takes_voxels:
-                    check_names(resolved.names)
+                    check_names(names)
+                resolved = ResolvedIds(names, None, *self.bounds.find(names))
             time = read_time("stamp", stamp)
             if known is None:
                 self._check_source(source)
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, accels, speeds = resolved
-            count = len(names)
-            if count and radius is None:
+            names, rows, accel, speed = resolved
+            if names and batch.radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
-            if rows is None:
-                accels, speeds = self.bounds.find(names)
-                resolved = ResolvedIds(names, rows, accels, speeds)
-            numbers = self._read_samples(
-                count,
-                position,
-                velocity,
-                0.0 if radius is None else radius,
-                accels if accel is None else accel,
-                speeds if speed is None else speed,
-                position_error,
-                velocity_error,
-            )
+            head = self._read_samples(points, velocities, numbers, (0.0, accel, speed))
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         if self.journal is not None:
-            points, velocities, *fields = self._memory.list_samples(count, *numbers)
-            batch = ObstacleBatch(
-                names,
-                time,
-                points,
-                None if velocity is None else velocities,
-                fields[0],
-                None if accel is None else fields[1],
-                None if speed is None else fields[2],
-                fields[3],
-                fields[4],
-                source,
-                frame,
-                bool(snapshot),
-            )
-            self.journal.note_update(batch)
+            self.journal.note_update(batch._replace(ids=names, stamp=time, snapshot=bool(snapshot)))
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
             self._unplaced.forget(state.index)
         if rows is None:
             rows = self._find_rows(resolved, time, state)
-        points_each = self._memory.points_each
+        points_each, *others = head
         if points_each > 1:
             self.table.widen(points_each)
         wrong: list[int] = []
@@ -296,11 +301,11 @@ class Obstacles(ObstacleRegister):
             # A named tuple's own constructor takes twice as long.
             tuple.__new__(
                 MessageHead,
-                (points_each, time, self._extent, number, velocity is not None, *numbers),
+                (points_each, time, self._extent, number, velocities is not None, *others),
             ),
         )
         if not is_usual:
-            codes = self._memory.data.codes[:count]
+            codes = self._memory.data.codes[: len(names)]
             codes[wrong] = WRONG_FRAME
             self._frame_history.note(state.index, number, rows, codes)
         if taken and time > self._newest:
@@ -312,9 +317,10 @@ class Obstacles(ObstacleRegister):
         refused = 0
         if exceptions:
             refused = self._tell_exceptions(names, time, source, frame)
-        self._sources.count(state, time, count, refused)
+        self._sources.count(state, time, len(names), refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
+        return not exceptions
 
     def update_cloud(
         self,
@@ -478,50 +484,40 @@ class Obstacles(ObstacleRegister):
 
     def _read_samples(
         self,
-        count: int,
-        position: ArrayLike,
-        velocity: ArrayLike | None,
-        radius: ArrayLike,
-        accel: ArrayLike,
-        speed: ArrayLike,
-        position_error: ArrayLike,
-        velocity_error: ArrayLike,
+        points: FloatArray,
+        velocities: FloatArray | None,
+        numbers: list[Any],
+        known: tuple[Any, ...],
     ) -> tuple[Any, ...]:
-        """Reads the samples of a message into its memory.
+        """Takes the samples of a message into the memory of messages.
+
+        Args:
+            points: In [m]. Shape (n, 3) or (n, k, 3).
+            velocities: In [m/s], with as many points; None: unknown.
+            numbers: One number or an array for each of `FIELDS`; None where the message has none.
+            known: Those of the first of `FIELDS` that count then.
 
         Returns:
-            The last values of `MessageHead`, from `each` on.
+            Points of each sample, and the last values of `MessageHead`, from `each` on.
         """
-        memory = self._memory
-        points, velocities = read_points("position", position, count), None
-        shape = points.shape
-        if velocity is not None:
-            velocities = read_points("velocity", velocity, count)
-            if velocities.shape != shape:
-                # One point each can be told in two ways.
-                points, velocities = points.reshape(count, -1, 3), velocities.reshape(count, -1, 3)
+        memory, shape = self._memory, points.shape
+        if velocities is not None and velocities.shape != shape:
+            # One point each can be told in two ways.
+            points, velocities = (array.reshape(shape[0], -1, 3) for array in (points, velocities))
             if velocities.shape != points.shape:
-                raise ObstacleError(
-                    "velocity",
-                    f"has shape {velocities.shape}",
-                    expected=f"{points.shape} as position",
-                )
-        memory.fit(count, 1 if len(shape) == 2 else shape[1])
+                found = f"has shape {velocities.shape}"
+                raise ObstacleError("velocity", found, expected=f"{points.shape} as position")
+        points_each = 1 if points.ndim == 2 else points.shape[1]
+        memory.fit(shape[0], points_each)
         memory.take_points(points, velocities)
-        # A set of their types takes three times as long.
-        if (
-            type(radius) is type(accel) is type(speed) is float
-            and type(position_error) is type(velocity_error) is float
-        ):
-            return 0, radius, accel, speed, position_error, velocity_error
-        each, values = 0, []
-        for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
-            number = read_field(FIELDS[i], value, count)
+        each = 0
+        for i, number in enumerate(numbers):
+            if number is None:
+                numbers[i] = number = known[i]
             if type(number) is not float:
-                memory.fields[i][:count] = number
-                each, number = each + (1 << i), math.nan
-            values.append(number)
-        return each, *values
+                memory.fields[i][: shape[0]] = number
+                each, numbers[i] = each + (1 << i), math.nan
+        return points_each, each, *numbers
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
         """What was found of the same ids in the same order, in a message of this source before."""

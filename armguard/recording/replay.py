@@ -292,7 +292,7 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
     if isinstance(event, ObstaclesMessage):
         # The voxels of a recorded cloud stand in an update.
         obstacles.takes_voxels = True
-        obstacles.update(*read_batch(event))
+        obstacles.take(read_batch(event))
     elif isinstance(event, RemoveMessage):
         since = None if math.isnan(event.stamp) else event.stamp
         obstacles.remove(event.ids, since, event.source or None)
