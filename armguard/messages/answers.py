@@ -181,9 +181,7 @@ def to_verdict_message(verdict: Verdict) -> VerdictMessage:
     # Its fields are those of the message, in their order.
     message = VerdictMessage(*verdict)  # type: ignore[arg-type]
     message.level = _LEVELS[verdict.level]
-    # Most have none; an empty tuple is encoded as an empty list is.
-    if verdict.reasons:
-        message.reasons = _write_reasons(verdict.reasons)
+    message.reasons = _write_reasons(verdict.reasons) if verdict.reasons else []
     if verdict.certificate is not None:
         message.certificate = _to_certificate_message(verdict.certificate)
     if verdict.held is not None:

@@ -17,6 +17,10 @@ Field = float | NDArray[np.float64]
 """One number for all obstacles, or one for each: shape (n,)."""
 
 
+FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+"""What is said of an obstacle with one number, in the order of a batch."""
+
+
 class ObstacleBatch(NamedTuple):
     """States of n obstacles, k points each; units as in `Obstacles.update`."""
 
@@ -72,16 +76,12 @@ def read_batch(message: ObstaclesMessage, stamp: float | None = None) -> Obstacl
         MessageError: A field has more or fewer numbers than its ids ask for.
     """
     count, velocity = len(message.ids), message.velocity
-    numbers = tuple(
-        value if value is None or isinstance(value, float) else to_values(name, value, count)
-        for name, value in (
-            ("radius", message.radius),
-            ("accel", message.accel),
-            ("speed", message.speed),
-            ("position_error", message.position_error),
-            ("velocity_error", message.velocity_error),
-        )
-    )
+    numbers: list[Any] = []
+    for name in FIELDS:
+        value = getattr(message, name)
+        if value is not None and type(value) is not float:
+            value = to_values(name, value, count)
+        numbers.append(value)
     points = (
         to_points("position", message.position, count),
         None if velocity is None else to_points("velocity", velocity, count),

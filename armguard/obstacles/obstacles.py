@@ -25,7 +25,6 @@ from armguard.messages.events import DroppedPoints, MalformedCall, PromiseBroken
 from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
-    is_same,
     is_writable,
     read_bound,
     read_field,
@@ -500,24 +499,22 @@ class Obstacles(ObstacleRegister):
         Returns:
             Points of each sample, and the last values of `MessageHead`, from `each` on.
         """
-        memory, shape = self._memory, points.shape
-        if velocities is not None and velocities.shape != shape:
+        memory, count = self._memory, len(points)
+        if velocities is not None and velocities.shape != points.shape:
             # One point each can be told in two ways.
-            points, velocities = (array.reshape(shape[0], -1, 3) for array in (points, velocities))
+            points, velocities = (array.reshape(count, -1, 3) for array in (points, velocities))
             if velocities.shape != points.shape:
                 found = f"has shape {velocities.shape}"
                 raise ObstacleError("velocity", found, expected=f"{points.shape} as position")
-        points_each = 1 if points.ndim == 2 else points.shape[1]
-        memory.fit(shape[0], points_each)
         memory.take_points(points, velocities)
         each = 0
         for i, number in enumerate(numbers):
             if number is None:
                 numbers[i] = number = known[i]
             if type(number) is not float:
-                memory.fields[i][: shape[0]] = number
+                memory.fields[i][:count] = number
                 each, numbers[i] = each + (1 << i), math.nan
-        return points_each, each, *numbers
+        return memory.points_each, each, *numbers
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
         """What was found of the same ids in the same order, in a message of this source before."""
@@ -526,7 +523,12 @@ class Obstacles(ObstacleRegister):
             return None
         # Those of the last cloud may be named where voxels are taken alone.
         resolved = known.get((len(ids), ids[0], self.takes_voxels))
-        return resolved if resolved is not None and is_same(ids, resolved.names) else None
+        try:
+            # What is no string might call itself equal to one, or be unable to tell.
+            "".join(ids)
+        except TypeError:
+            return None
+        return resolved if resolved is not None and resolved.names == ids else None
 
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
         """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.

@@ -266,7 +266,7 @@ class Edge:
                 raise MessageError(
                     "source", f"{message.source!r}, which is an arm", "its joint states alone"
                 )
-            self._intake.follow(account.numbers, message.source, message.seq)
+            account.numbers.follow(message.seq)
             handle(message, account)
         except MessageError as error:
             error.source, error.sequence = message.source, message.seq

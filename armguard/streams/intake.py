@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -24,37 +24,38 @@ ArmMessage = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage | ResetM
 
 
 class SequenceWatch:
-    """Follows the numbers by which one sender counts its messages."""
+    """Follows the numbers by which one sender counts its messages.
 
-    def __init__(self) -> None:
+    Args:
+        faults: Where it is counted what was lost, or sent by a second sender.
+        source: Name of the sender.
+    """
+
+    def __init__(self, faults: FaultLog, source: str) -> None:
+        self._faults = faults
+        self._source = source
         self._last: int | None = None
         self._left: int | None = None
 
-    def follow(self, sequence: int | None) -> Sequence[tuple[str, int, str]]:
-        """Take the number of the next message.
-
-        Args:
-            sequence: The number; None where the sender does not count.
-
-        Returns:
-            Faults as (kind, how many, in words); mostly none.
-        """
-        if sequence is None:
-            return ()
-        last, self._last = self._last, sequence
-        if last is None or sequence == last + 1:
-            return ()
+    def follow(self, sequence: int | None) -> None:
+        """Take the number of the next message; None where the sender does not count."""
+        last = self._last
+        if sequence is not None:
+            self._last = sequence
+        if sequence is None or last is None or sequence == last + 1:
+            return
+        kind, lost, problem = "two publishers", 1, "and both go on; expected one publisher"
         if self._left is not None and sequence == self._left + 1:
             self._left = last
-            problem = f"seq is {sequence} after {last}, and both go on; expected one publisher"
-            return [("two publishers", 1, problem)]
-        if sequence > last:
-            lost = sequence - last - 1
-            return [("lost", lost, f"seq is {sequence} after {last}: {lost} messages lost")]
-        # The track that was left may be taken up again: then there are two publishers.
-        self._left = last
-        problem = f"seq is {sequence} after {last}; a publisher that started anew, or a second one"
-        return [("sequence went back", 1, problem)]
+        elif sequence > last:
+            kind, lost = "lost", sequence - last - 1
+            problem = f"{lost} messages lost"
+        else:
+            # The track that was left may be taken up again: then there are two publishers.
+            self._left = last
+            kind, problem = "sequence went back", "a publisher that started anew, or a second one"
+        found = f"seq is {sequence} after {last}: {problem}"
+        self._faults.add(kind, self._source, sequence, found, lost)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,11 +81,6 @@ class Intake:
             known = ", ".join(map(repr, (self.watched, *self.others)))
             expected = f"one of {known}" if self.watched else "none: the cell has one arm"
             raise MessageError("arm", found, expected)
-
-    def follow(self, numbers: SequenceWatch, source: str, sequence: int | None) -> None:
-        """Count what the number of a message shows to be lost, or sent by a second sender."""
-        for kind, times, problem in numbers.follow(sequence):
-            self.faults.add(kind, source, sequence, problem, times)
 
     def tell_verdict(self, error: MessageError) -> None:
         """Let the verdict know of a refused message: what it would have told is not known."""

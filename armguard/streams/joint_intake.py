@@ -106,7 +106,7 @@ class JointIntake:
         self._clock = clock
         self._timeout = timeout
         self._keeps_past = keeps_past
-        self._numbers = SequenceWatch()
+        self._numbers = SequenceWatch(intake.faults, "joints")
         self._newest: JointState | None = None
         self._is_impossible = False
         self._awaits_fresh = True
@@ -114,7 +114,7 @@ class JointIntake:
     def take(self, message: JointsMessage) -> None:
         """Take a joint state; what cannot be read is counted."""
         intake, sequence = self._intake, message.seq
-        intake.follow(self._numbers, "joints", sequence)
+        self._numbers.follow(sequence)
         try:
             if message.arm != intake.watched:
                 intake.check_arm(message)

@@ -50,12 +50,12 @@ class OtherArmIntake:
         self._clock_difference = clock.error + HELD_UP
         self._plans = plans
         self._order = JointOrder(arm.joints)
-        self._numbers = SequenceWatch()
+        self._numbers = SequenceWatch(intake.faults, name)
 
     def take_joints(self, message: JointsMessage) -> None:
         """Tell the table a joint state; what cannot be used is counted."""
         intake, name, sequence = self._intake, self._name, message.seq
-        intake.follow(self._numbers, name, sequence)
+        self._numbers.follow(sequence)
         try:
             q, v = self._order.read(message)
         except MessageError as error:

@@ -64,18 +64,21 @@ class SourceAccount:
     Args:
         limits: How much it may send.
         clock: How it stamps.
+        numbers: Follows the numbers of its messages.
         now: The present, in [s].
 
     Attributes:
         limits: As above.
         clock: As above.
-        numbers: Follows the numbers of its messages.
+        numbers: As above.
     """
 
-    def __init__(self, limits: SourceLimits, clock: StampClock, now: float) -> None:
+    def __init__(
+        self, limits: SourceLimits, clock: StampClock, numbers: SequenceWatch, now: float
+    ) -> None:
         self.limits = limits
         self.clock = clock
-        self.numbers = SequenceWatch()
+        self.numbers = numbers
         self._left = self._most = max(1.0, limits.message_rate)
         self._filled = now
 
@@ -139,8 +142,12 @@ class SourceAccounts:
             if len(self._accounts) >= _SOURCES:
                 expected = f"at most {_SOURCES} sources"
                 raise SourceCountError("source", "refused", expected, payer, sequence)
-            clock = self._clocks.get(payer, MONOTONIC)
-            account = self._accounts[payer] = SourceAccount(self.limits_of(payer), clock, now)
+            account = self._accounts[payer] = SourceAccount(
+                self.limits_of(payer),
+                self._clocks.get(payer, MONOTONIC),
+                SequenceWatch(self._intake.faults, payer),
+                now,
+            )
         limits = account.limits
         if not account.allows_message(now):
             found = "one more than a second may bring"
@@ -152,5 +159,5 @@ class SourceAccounts:
             return account
         if named == payer:
             # It was refused, and is not lost.
-            self._intake.follow(account.numbers, payer, sequence)
+            account.numbers.follow(sequence)
         raise LimitError("message", found, expected, payer, sequence)

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard.streams import FaultLog
 from armguard.streams.intake import SequenceWatch
 from support.stream_messages import (
     World,
@@ -26,8 +27,13 @@ def test_what_is_not_finite_is_named_by_its_place(shape, value):
 
 
 def follow(*numbers):
-    watch = SequenceWatch()
-    return [(kind, times) for n in numbers for kind, times, _ in watch.follow(n)]
+    faults = FaultLog(lambda: 0.0, lambda line: None)
+    found = []
+    faults.add = lambda kind, source, number, problem, times: found.append((kind, times))
+    watch = SequenceWatch(faults, "cam0")
+    for number in numbers:
+        watch.follow(number)
+    return found
 
 
 def test_numbers_in_order_or_absent_are_no_fault():

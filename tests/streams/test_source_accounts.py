@@ -159,7 +159,11 @@ def test_more_sources_than_anybody_has_are_refused():
 def test_an_allowance_keeps_to_its_rate_however_calls_are_spread(rate):
     """In any stretch of time T it grants no more than one second's worth, and rate times T."""
     random = np.random.default_rng(7)
-    account, now, granted = SourceAccount(SourceLimits(message_rate=rate), MONOTONIC, 0.0), 0.0, []
+    account, now, granted = (
+        SourceAccount(SourceLimits(message_rate=rate), MONOTONIC, None, 0.0),
+        0.0,
+        [],
+    )
     for _ in range(20_000):
         now += random.exponential(0.3 / rate)
         if account.allows_message(now):
@@ -173,6 +177,6 @@ def test_an_allowance_keeps_to_its_rate_however_calls_are_spread(rate):
 
 @pytest.mark.parametrize("jumps", [[-1e9, 1e9], [1e300, -1e300], [0.0, 0.0]])
 def test_no_jump_of_a_clock_grants_more(jumps):
-    account = SourceAccount(SourceLimits(message_rate=2.0), MONOTONIC, 0.0)
+    account = SourceAccount(SourceLimits(message_rate=2.0), MONOTONIC, None, 0.0)
     for now in jumps:
         assert sum(account.allows_message(now) for _ in range(10)) <= 2
