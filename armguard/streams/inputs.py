@@ -197,24 +197,25 @@ class SocketInput:
             MessageError: For one too long or in several parts.
         """
         try:
-            # Without a copy, so that the size is known before any is made.
-            frame = self._socket.recv(_NOBLOCK, copy=False)
+            if self.authenticator is None:
+                data: bytes = self._socket.recv(_NOBLOCK)
+            else:
+                # A frame knows who sent it, and takes half a microsecond more.
+                frame = self._socket.recv(_NOBLOCK, copy=False)
+                data, self.sender = frame.bytes, str(frame.get("User-Id"))
         except zmq.Again:
             self.is_unread = False
             self.sender = None
             return None
         # To ask costs a third of what it costs to try in vain.
         self.is_unread = bool(zmq.zmq_poll(self._polled, 0))
-        if self.authenticator is not None:
-            self.sender = str(frame.get("User-Id"))
-        in_parts = self._in_parts or frame.more
-        self._in_parts = frame.more
+        # All parts of a message come at once.
+        has_more = self.is_unread and bool(self._socket.get(zmq.RCVMORE))
+        in_parts, self._in_parts = self._in_parts or has_more, has_more
         if in_parts:
             raise self._refuse("in several parts", "one part")
-        size = len(frame)
-        if size > BYTE_LIMIT:
-            raise self._refuse(f"{size} bytes long", f"at most {BYTE_LIMIT}")
-        data: bytes = frame.bytes
+        if len(data) > BYTE_LIMIT:
+            raise self._refuse(f"{len(data)} bytes long", f"at most {BYTE_LIMIT}")
         return data
 
     def _refuse(self, found: str, expected: str) -> MessageError:
