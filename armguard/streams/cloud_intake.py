@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.messages.incoming import CloudMessage, count_points, to_cloud, to_mask
+from armguard.messages.incoming import CloudMessage, count_rows, to_mask, to_rows
 from armguard.obstacles.clouds import VoxelCountError
 from armguard.streams.intake import Intake
 from armguard.streams.joint_intake import JointState
@@ -63,7 +63,7 @@ class CloudIntake:
         self._check_size(message, account.limits.points)
         stamp, gap = intake.times.translate(message.stamp, account.clock)
         window = account.clock.error + gap
-        points = to_cloud("points", message.points)
+        points = to_rows("points", message.points, 3, of="coordinates")
         occupied = None
         if message.occupied is not None:
             occupied = to_mask("occupied", message.occupied, len(points))
@@ -96,7 +96,7 @@ class CloudIntake:
 
         How many voxels it makes is not known yet: the table counts them before it takes any.
         """
-        points, problem = count_points(message.points), None
+        points, problem = count_rows(message.points, 3), None
         if self._own_points is None:
             problem = "a cloud", "obstacles: [clouds] in the cell file lets clouds be taken"
         elif points > most:

@@ -113,8 +113,8 @@ class PlanReader:
             size = len(message.times)
             size = size // 8 if isinstance(message.times, bytes) else size
             times = to_values("times", message.times, size)
-            q = to_rows("q", message.q, size, count)[:, order]
-            v = to_rows("v", message.v, size, count)[:, order]
+            q = to_rows("q", message.q, count, size)[:, order]
+            v = to_rows("v", message.v, count, size)[:, order]
             fields = {"tracking_error": _read_errors(message, "tracking_error", order)}
             if message.velocity_tracking_error is not None:
                 field = "velocity_tracking_error"
@@ -177,9 +177,7 @@ class TokenReader:
         try:
             self._intake.check_arm(message)
             if message.zone is not None:
-                size = len(message.zone)
-                size = size // 24 if isinstance(message.zone, bytes) else size
-                zone = to_rows("zone", message.zone, size, 3)
+                zone = to_rows("zone", message.zone, 3, of="coordinates")
         except MessageError as error:
             faults.add("malformed", "exemptions", number, str(error))
             return
