@@ -35,7 +35,6 @@ from armguard.obstacles.arguments import (
 )
 from armguard.obstacles.clouds import (
     CloudReader,
-    VoxelCountError,
     check_names,
     enclosing_radius,
     find_key,
@@ -78,6 +77,10 @@ for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
     _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
     _KINDS[rule.TOO_LARGE + _field] = (FaultKind.BOUND_TOO_LARGE, _name)
+
+
+class ObstacleCountError(ObstacleError):
+    """A message by which its source would have more obstacles than it may."""
 
 
 class Obstacles(ObstacleRegister):
@@ -237,12 +240,15 @@ class Obstacles(ObstacleRegister):
         arrays = points, velocities, *bounds, *errors
         self.take(ObstacleBatch._make((names, stamp, *arrays, source, frame, snapshot)))
 
-    def take(self, batch: ObstacleBatch) -> bool:
+    def take(self, batch: ObstacleBatch, limit: int | None = None, gone: int = 0) -> bool:
         """Takes a message of a source as `update` does; its numbers are read already.
 
         Args:
             batch: Its arrays have the shapes that `ObstacleBatch` names, and may be overwritten
                 once this has returned. All else is checked here.
+            limit: How many obstacles the source may have after a message that adds some; None: as
+                many as the table has room for.
+            gone: How many of those that it has are about to be removed.
 
         Returns:
             Whether each sample was simply taken; the others have left faults.
@@ -268,6 +274,8 @@ class Obstacles(ObstacleRegister):
             names, rows, accel, speed = resolved
             if names and batch.radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
+            if limit is not None:
+                self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
             head = self._read_samples(points, velocities, numbers, (0.0, accel, speed))
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
@@ -384,8 +392,7 @@ class Obstacles(ObstacleRegister):
             edge = read_edge(voxel, clouds.edges.get(source), source)
             placed = self._memory.data.frames
             error += float(placed.position_error[number])
-            bounds = self.bounds.find(["voxel"])
-            rate, pace = (float(np.max(bound)) for bound in bounds)
+            known = (float(np.max(bound)) for bound in self.bounds.find(["voxel"]))
             names, centers, dropped = clouds.read(
                 ends,
                 mask,
@@ -398,23 +405,22 @@ class Obstacles(ObstacleRegister):
             gone: list[str] = []
             if not snapshot:
                 gone = clouds.find_empty(self._list_unseen(source, names, time), edge, error)
-            if limit is not None:
-                self._check_voxels(source, names, len(gone), limit, snapshot=snapshot)
+            rate, pace = (
+                usual if value is None else read_field(name, value, len(names))
+                for name, value, usual in zip(
+                    ("accel", "speed"), (accel, speed), known, strict=True
+                )
+            )
         except ObstacleError as error_found:
             raise self._leave_malformed(error_found, source, stamp) from None
         takes_voxels, self.takes_voxels = self.takes_voxels, True
         try:
-            self.update(
-                names,
-                time,
-                centers,
-                None,
-                enclosing_radius(edge),
-                rate if accel is None else accel,
-                pace if speed is None else speed,
-                error,
-                source=source,
-                snapshot=snapshot,
+            size = enclosing_radius(edge)
+            numbers = size, rate, pace, error, 0.0
+            self.take(
+                ObstacleBatch(names, time, centers, None, *numbers, source, WORLD, snapshot),
+                limit,
+                len(gone),
             )
         finally:
             self.takes_voxels = takes_voxels
@@ -426,15 +432,21 @@ class Obstacles(ObstacleRegister):
         if gone:
             self.remove(gone, time, source)
 
-    def _check_voxels(
-        self, source: str, names: list[str], gone: int, limit: int, *, snapshot: bool
+    def _check_count(
+        self, source: str, names: list[str], limit: int, gone: int, *, snapshot: bool
     ) -> None:
-        """Raise VoxelCountError if voxels that a cloud adds take its source beyond a limit."""
+        """Raise ObstacleCountError if a message takes its source beyond a number of obstacles.
+
+        One that adds none is always taken.
+        """
         known = self.count_of(source)
+        if len(names) + (0 if snapshot else known) <= limit:
+            return
+        # Those that the table has already are looked up only where that decides.
         together = self.count_of(source, names)
         count = len(names) if snapshot else together - gone
         if together > known and count > limit:
-            raise VoxelCountError(
+            raise ObstacleCountError(
                 "message",
                 f"one by which {source!r} has {count} obstacles; "
                 f"expected max_obstacles, {limit} at most",

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.messages.incoming import CloudMessage, count_rows, to_mask, to_rows
-from armguard.obstacles.clouds import VoxelCountError
 from armguard.streams.intake import Intake
 from armguard.streams.joint_intake import JointState
 from armguard.streams.obstacle_intake import widen
@@ -88,8 +87,7 @@ class CloudIntake:
                 limit=account.limits.obstacles,
             )
         except ArmguardError as error:
-            kind = LimitError.kind if isinstance(error, VoxelCountError) else "refused"
-            intake.faults.add(kind, source, sequence, str(error))
+            intake.count_refused(error, source, sequence)
 
     def _check_size(self, message: CloudMessage, most: int) -> None:
         """Raise LimitError if a cloud has too many points, or none is taken here.

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from armguard.exceptions import ArmguardError
 from armguard.messages.incoming import (
     IgnoreMessage,
     JointsMessage,
@@ -15,7 +16,7 @@ from armguard.messages.incoming import (
     ResetMessage,
     WatchMessage,
 )
-from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.obstacles import ObstacleCountError, Obstacles
 from armguard.streams.faults import FaultLog
 from armguard.streams.stamp_clocks import HELD_UP, StampTimes
 
@@ -87,6 +88,11 @@ class Intake:
         problem = f"{error.value}; expected {error.expected}"
         now = self.times.drain_start
         self.obstacles.leave_malformed(error.source, error.field, problem, now)
+
+    def count_refused(self, error: ArmguardError, source: str, sequence: int | None) -> None:
+        """Count what the table refused as a whole, which its verdict knows of by itself."""
+        kind = "beyond limit" if isinstance(error, ObstacleCountError) else "refused"
+        self.faults.add(kind, source, sequence, str(error))
 
     def count_hold_up(self, gap: float, source: str, sequence: int | None) -> str:
         """Count that clocks were compared too slowly for a joint state or a plan.

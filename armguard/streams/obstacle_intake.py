@@ -16,7 +16,7 @@ from armguard.exceptions import ArmguardError
 from armguard.messages.batch import ObstacleBatch, read_batch
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
 from armguard.streams.intake import Intake
-from armguard.streams.source_accounts import LimitError, SourceAccount
+from armguard.streams.source_accounts import SourceAccount
 
 _NUMBERS = ObstacleBatch._fields[2:9]
 """Fields of a batch that are numbers, but for its stamp."""
@@ -41,19 +41,17 @@ class ObstacleIntake:
 
         Raises:
             MessageError: It has more or fewer numbers than its ids ask for.
-            LimitError: It takes its source beyond its number of obstacles.
         """
         intake = self._intake
-        self._check_count(message, account.limits.obstacles)
         stamp, gap = intake.times.translate(message.stamp, account.clock)
         batch = read_batch(message, stamp)
         window = account.clock.error + gap
         if window > 0.0:
             batch = self._widen(batch, window)
         try:
-            is_as_told = intake.obstacles.take(batch)
+            is_as_told = intake.obstacles.take(batch, account.limits.obstacles)
         except ArmguardError as error:
-            intake.faults.add("refused", batch.source, message.seq, str(error))
+            intake.count_refused(error, batch.source, message.seq)
             is_as_told = False
         if not is_as_told:
             told = {name: getattr(batch, name) for name in _NUMBERS} | {"stamp": message.stamp}
@@ -67,18 +65,7 @@ class ObstacleIntake:
         try:
             intake.obstacles.remove(message.ids, stamp=stamp, source=source)
         except ArmguardError as error:
-            intake.faults.add("refused", source, message.seq, str(error))
-
-    def _check_count(self, message: ObstaclesMessage, most: int) -> None:
-        obstacles, source, count = self._intake.obstacles, message.source, len(message.ids)
-        if not message.snapshot:
-            count += obstacles.count_of(source)
-            if count > most:
-                # Those that the table has already are looked up only where that decides.
-                count = obstacles.count_of(source, message.ids)
-        if count > most:
-            found, expected = f"one by which {source!r} has {count} obstacles", "max_obstacles, "
-            raise LimitError("message", found, f"{expected}{most} at most", source, message.seq)
+            intake.count_refused(error, source, message.seq)
 
     def _widen(self, batch: ObstacleBatch, window: float) -> ObstacleBatch:
         """The batch with errors for a stamp that may be off by `window` [s]."""

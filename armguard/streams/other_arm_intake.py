@@ -85,7 +85,7 @@ class OtherArmIntake:
         try:
             self._arm.publish(stamp, q, v)
         except ArmguardError as error:
-            intake.faults.add("refused", name, None, str(error))
+            intake.count_refused(error, name, None)
 
     def take_shared_plan(self, message: PlanMessage) -> None:
         """Hand on what the arm promises; what cannot be taken narrows nothing, and is said."""
