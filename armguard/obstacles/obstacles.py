@@ -20,7 +20,7 @@ from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
-from armguard.messages.batch import ObstacleBatch
+from armguard.messages.batch import Field, ObstacleBatch
 from armguard.messages.events import DroppedPoints, MalformedCall, PromiseBroken, StaticObstacle
 from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import acceptance as rule
@@ -227,18 +227,39 @@ class Obstacles(ObstacleRegister):
             count = len(names)
             points = read_points("position", position, count)
             velocities = None if velocity is None else read_points("velocity", velocity, count)
-            bounds = [
-                None if value is None else read_field(name, value, count)
-                for name, value in (("radius", radius), ("accel", accel), ("speed", speed))
-            ]
-            errors = (
-                read_field("position_error", position_error, count),
-                read_field("velocity_error", velocity_error, count),
-            )
+            # A loop over these, or a call for each, takes as long as most of what follows.
+            if radius is not None and type(radius) is not float:
+                radius = read_field("radius", radius, count)
+            if accel is not None and type(accel) is not float:
+                accel = read_field("accel", accel, count)
+            if speed is not None and type(speed) is not float:
+                speed = read_field("speed", speed, count)
+            if type(position_error) is not float:
+                position_error = read_field("position_error", position_error, count)
+            if type(velocity_error) is not float:
+                velocity_error = read_field("velocity_error", velocity_error, count)
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
-        arrays = points, velocities, *bounds, *errors
-        self.take(ObstacleBatch._make((names, stamp, *arrays, source, frame, snapshot)))
+        # A named tuple's own constructor takes twice as long.
+        self.take(
+            tuple.__new__(
+                ObstacleBatch,
+                (
+                    names,
+                    stamp,
+                    points,
+                    velocities,
+                    radius,
+                    accel,
+                    speed,
+                    position_error,
+                    velocity_error,
+                    source,
+                    frame,
+                    snapshot,
+                ),
+            )
+        )
 
     def take(self, batch: ObstacleBatch, limit: int | None = None, gone: int = 0) -> bool:
         """Takes a message of a source as `update` does; its numbers are read already.
@@ -256,7 +277,20 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The message is malformed; nothing of it is taken, and a fault is left.
         """
-        ids, stamp, points, velocities, *numbers, source, frame, snapshot = batch
+        (
+            ids,
+            stamp,
+            points,
+            velocities,
+            radius,
+            accel,
+            speed,
+            position_error,
+            velocity_error,
+            source,
+            frame,
+            snapshot,
+        ) = batch
         known = self._sources.find(source) if isinstance(source, str) else None
         resolved = None if known is None else self._recall(ids, known.index)
         try:
@@ -271,12 +305,20 @@ class Obstacles(ObstacleRegister):
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, accel, speed = resolved
-            if names and batch.radius is None:
+            names, rows, usual_accel, usual_speed = resolved
+            if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
             if limit is not None:
                 self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
-            head = self._read_samples(points, velocities, numbers, (0.0, accel, speed))
+            numbers = self._read_samples(
+                points,
+                velocities,
+                0.0 if radius is None else radius,
+                usual_accel if accel is None else accel,
+                usual_speed if speed is None else speed,
+                position_error,
+                velocity_error,
+            )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         if self.journal is not None:
@@ -287,7 +329,7 @@ class Obstacles(ObstacleRegister):
             self._unplaced.forget(state.index)
         if rows is None:
             rows = self._find_rows(resolved, time, state)
-        points_each, *others = head
+        points_each = self._memory.points_each
         if points_each > 1:
             self.table.widen(points_each)
         wrong: list[int] = []
@@ -308,7 +350,7 @@ class Obstacles(ObstacleRegister):
             # A named tuple's own constructor takes twice as long.
             tuple.__new__(
                 MessageHead,
-                (points_each, time, self._extent, number, velocities is not None, *others),
+                (points_each, time, self._extent, number, velocities is not None, *numbers),
             ),
         )
         if not is_usual:
@@ -497,19 +539,16 @@ class Obstacles(ObstacleRegister):
         self,
         points: FloatArray,
         velocities: FloatArray | None,
-        numbers: list[Any],
-        known: tuple[Any, ...],
+        radius: Field,
+        accel: ArrayLike,
+        speed: ArrayLike,
+        position_error: Field,
+        velocity_error: Field,
     ) -> tuple[Any, ...]:
         """Takes the samples of a message into the memory of messages.
 
-        Args:
-            points: In [m]. Shape (n, 3) or (n, k, 3).
-            velocities: In [m/s], with as many points; None: unknown.
-            numbers: One number or an array for each of `FIELDS`; None where the message has none.
-            known: Those of the first of `FIELDS` that count then.
-
         Returns:
-            Points of each sample, and the last values of `MessageHead`, from `each` on.
+            The last values of `MessageHead`, from `each` on.
         """
         memory, count = self._memory, len(points)
         if velocities is not None and velocities.shape != points.shape:
@@ -519,14 +558,19 @@ class Obstacles(ObstacleRegister):
                 found = f"has shape {velocities.shape}"
                 raise ObstacleError("velocity", found, expected=f"{points.shape} as position")
         memory.take_points(points, velocities)
-        each = 0
-        for i, number in enumerate(numbers):
-            if number is None:
-                numbers[i] = number = known[i]
-            if type(number) is not float:
-                memory.fields[i][:count] = number
-                each, numbers[i] = each + (1 << i), math.nan
-        return memory.points_each, each, *numbers
+        # A set of their types takes three times as long.
+        if (
+            type(radius) is type(accel) is type(speed) is float
+            and type(position_error) is type(velocity_error) is float
+        ):
+            return 0, radius, accel, speed, position_error, velocity_error
+        each, values = 0, []
+        for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
+            if type(value) is not float:
+                memory.fields[i][:count] = value
+                each += 1 << i
+            values.append(value if type(value) is float else math.nan)
+        return each, *values
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
         """What was found of the same ids in the same order, in a message of this source before."""
