@@ -299,7 +299,9 @@ class Obstacles(ObstacleRegister):
                 if not self.takes_voxels:
                     check_names(names)
                 resolved = ResolvedIds(names, None, *self.bounds.find(names))
-            time = read_time("stamp", stamp)
+            time = stamp
+            if not (type(time) is float and -math.inf < time < math.inf):
+                time = read_time("stamp", stamp)
             if known is None:
                 self._check_source(source)
             number = self._find_frame(frame)
