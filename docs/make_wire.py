@@ -12,7 +12,7 @@ import itertools
 from pathlib import Path
 
 from armguard.messages import answers, incoming
-from armguard.streams import addresses, inputs, limits
+from armguard.streams import SourceLimits, addresses, inputs
 from armguard.verdict import ReasonKind
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
@@ -78,7 +78,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
 
-Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {limits.SourceLimits().message_rate:g} messages a second of {limits.SourceLimits().message_size} bytes and have {limits.SourceLimits().obstacles} obstacles, and a cloud {limits.SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections: whoever comes beyond that is shut out within a tick, and counted under `connections`, until another connection has ended. With keys as well a connection counts before its key is known: where strangers reach the port, keep them away by a firewall, or they can take the room of a driver that has lost its connection, which is a STOP. Each holds {inputs.WAITING_BYTES // 2**20} MiB of messages that wait at most.
+Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections: whoever comes beyond that is shut out within a tick, and counted under `connections`, until another connection has ended. With keys as well a connection counts before its key is known: where strangers reach the port, keep them away by a firewall, or they can take the room of a driver that has lost its connection, which is a STOP. Each holds {inputs.WAITING_BYTES // 2**20} MiB of messages that wait at most.
 
 Complete nodes without armguard's library lie beside this page, and the tests run them: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
 """

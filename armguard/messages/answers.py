@@ -141,7 +141,7 @@ _decoder: msgspec.msgpack.Decoder[_AnyAnswer] = msgspec.msgpack.Decoder(_AnyAnsw
 _json_decoder: msgspec.json.Decoder[_AnyAnswer] = msgspec.json.Decoder(_AnyAnswer)
 
 
-_LEVELS = {level: level.name for level in Level}
+_LEVELS = tuple(level.name for level in Level)
 _KINDS = {kind: kind.name.lower() for kind in ReasonKind}
 _KINDS_BY_NAME = {name: kind for kind, name in _KINDS.items()}
 
@@ -181,7 +181,7 @@ def to_verdict_message(verdict: Verdict) -> VerdictMessage:
     # Its fields are those of the message, in their order.
     message = VerdictMessage(*verdict)  # type: ignore[arg-type]
     message.level = _LEVELS[verdict.level]
-    message.reasons = _write_reasons(verdict.reasons)
+    message.reasons = _write_reasons(verdict.reasons) if verdict.reasons else []
     if verdict.certificate is not None:
         message.certificate = _to_certificate_message(verdict.certificate)
     if verdict.held is not None:

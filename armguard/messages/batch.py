@@ -1,7 +1,7 @@
 """A batch of obstacle states as arrays: what one source saw at one time.
 
-Its fields are the parameters of `Obstacles.update`, in their order, so that a batch is given to a
-table by `update(*batch)`. On the wire and in recordings it is an `ObstaclesMessage`.
+Its fields are the parameters of `Obstacles.update`, in their order; a table takes one by
+`Obstacles.take`. On the wire and in recordings it is an `ObstaclesMessage`.
 """
 
 from __future__ import annotations
@@ -11,10 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.messages.incoming import ObstaclesMessage, Values, to_points, to_values
+from armguard.messages.incoming import ObstaclesMessage, to_points, to_values
 
 Field = float | NDArray[np.float64]
 """One number for all obstacles, or one for each: shape (n,)."""
+
+
+FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
+"""What is said of an obstacle with one number, in the order of a batch."""
 
 
 class ObstacleBatch(NamedTuple):
@@ -61,30 +65,27 @@ def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
     )
 
 
-def read_batch(message: ObstaclesMessage) -> ObstacleBatch:
+def read_batch(message: ObstaclesMessage, stamp: float | None = None) -> ObstacleBatch:
     """The batch that a message holds.
+
+    Args:
+        message: The message.
+        stamp: In place of its stamp, in [s]; None: as it is.
 
     Raises:
         MessageError: A field has more or fewer numbers than its ids ask for.
     """
-    count = len(message.ids)
-
-    def read(name: str) -> Any:
-        value: Values | None = getattr(message, name)
-        return value if value is None or isinstance(value, float) else to_values(name, value, count)
-
-    velocity = message.velocity
-    return ObstacleBatch(
-        message.ids,
-        message.stamp,
+    count, velocity = len(message.ids), message.velocity
+    numbers: list[Any] = []
+    for name in FIELDS:
+        value = getattr(message, name)
+        if value is not None and type(value) is not float:
+            value = to_values(name, value, count)
+        numbers.append(value)
+    points = (
         to_points("position", message.position, count),
         None if velocity is None else to_points("velocity", velocity, count),
-        read("radius"),
-        read("accel"),
-        read("speed"),
-        read("position_error"),
-        read("velocity_error"),
-        message.source,
-        message.frame,
-        message.snapshot,
     )
+    stamp = message.stamp if stamp is None else stamp
+    of_all = message.source, message.frame, message.snapshot
+    return ObstacleBatch._make((message.ids, stamp, *points, *numbers, *of_all))

@@ -7,6 +7,7 @@ packed arrays, finiteness) is checked by `to_points` and `to_values`, once, at t
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Annotated, Any, Literal
 
@@ -23,11 +24,11 @@ POINT_LIMIT = 8
 Points = bytes | list[list[float | list[float]]]
 """Rows of points: (n, 3) or (n, k, 3) nested lists, or packed little-endian float64."""
 
-Cloud = bytes | list[list[float]]
-"""Points of a cloud: (n, 3) nested lists, or packed little-endian float64."""
-
 Rows = bytes | list[list[float]]
-"""One row a sample: (k, n) nested lists, or packed little-endian float64."""
+"""One row a sample or a point: (k, n) nested lists, or packed little-endian float64."""
+
+Cloud = Rows
+"""Points of a cloud, (n, 3)."""
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 """What a sender counts its plans by; answers carry it in msgpack, which has none beyond."""
@@ -41,6 +42,8 @@ class MessageError(Exception):
 
     kind = "malformed"
     """What it is counted as."""
+    hides_obstacles = False
+    """Whether it would have told of obstacles, so that the verdict must know of it."""
 
     def __init__(
         self,
@@ -256,6 +259,7 @@ AnyMessage = (
 PACKED = np.dtype("<f8")
 """Of packed numbers."""
 
+_JSON_BEGINS = frozenset((b"{", b" ", b"\t", b"\r", b"\n"))
 _encoder = msgspec.msgpack.Encoder()
 _json_decoder: msgspec.json.Decoder[AnyMessage] = msgspec.json.Decoder(AnyMessage)
 _msgpack_decoder: msgspec.msgpack.Decoder[AnyMessage] = msgspec.msgpack.Decoder(AnyMessage)
@@ -286,7 +290,7 @@ def decode(data: bytes) -> AnyMessage:
         MessageError: If it is malformed, truncated, of unknown type, or has a field too many,
             too few or of the wrong type.
     """
-    as_json = is_json(data)
+    as_json = data[:1] in _JSON_BEGINS
     try:
         return _json_decoder.decode(data) if as_json else _msgpack_decoder.decode(data)
     except msgspec.ValidationError as error:
@@ -312,7 +316,7 @@ def read_header(data: bytes) -> Header | None:
 
 def is_json(data: bytes) -> bool:
     """Whether a message is JSON; else it is msgpack."""
-    return data[:1] in (b"{", b" ", b"\t", b"\r", b"\n")
+    return data[:1] in _JSON_BEGINS
 
 
 def _name_mistake(data: bytes, as_json: bool, problem: str) -> MessageError:
@@ -357,13 +361,32 @@ def to_values(field: str, values: bytes | list[float], count: int) -> NDArray[np
     Raises:
         MessageError: If there are more or fewer than `count`.
     """
-    if isinstance(values, bytes):
-        if len(values) != 8 * count:
-            raise MessageError(field, f"{len(values)} bytes", f"{count} packed float64")
-        return np.frombuffer(values, PACKED)
-    if len(values) != count:
-        raise MessageError(field, f"{len(values)} values", f"{count}, one for each name or id")
-    return np.array(values, float)
+    return _to_array(field, values, (count,), f"{count} numbers, one for each name or id")
+
+
+def to_rows(
+    field: str, rows: Rows, width: int, count: int | None = None, of: str = "values"
+) -> NDArray[np.float64]:
+    """Rows of numbers as an array, of shape (count, width).
+
+    Args:
+        field: Name of the field.
+        rows: What it holds.
+        width: Numbers in a row.
+        count: How many rows there must be; None: any number of them.
+        of: What the numbers are, for people.
+
+    Raises:
+        MessageError: If the number of rows, or of values in one of them, is not that.
+    """
+    if count is None:
+        count = count_rows(rows, width)
+    return _to_array(field, rows, (count, width), f"{count} rows of {width} {of}")
+
+
+def count_rows(rows: Rows, width: int) -> int:
+    """How many rows of so many numbers a field has, whatever else is wrong with it."""
+    return len(rows) // (8 * width) if isinstance(rows, bytes) else len(rows)
 
 
 def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
@@ -372,54 +395,18 @@ def to_points(field: str, points: Points, count: int) -> NDArray[np.float64]:
     Raises:
         MessageError: If the number of rows, points or coordinates is not that.
     """
+    each, is_hull = 1, False
     if isinstance(points, bytes):
-        per_row, rest = divmod(len(points), 24 * count) if count else (0, len(points))
-        if rest or not (count == 0 or 1 <= per_row <= POINT_LIMIT):
-            expected = f"packed float64: {_expected_points(count)}"
-            raise MessageError(field, f"{len(points)} bytes", expected)
-        shape = (count, 3) if per_row <= 1 else (count, per_row, 3)
-        return np.frombuffer(points, PACKED).reshape(shape)
-    try:
-        array = np.array(points, float)
-    except ValueError:
-        raise MessageError(field, "rows of unequal length", _expected_points(count)) from None
-    if len(points) != count:
-        raise MessageError(field, f"{len(points)} rows", _expected_points(count))
-    if count == 0:
-        return np.zeros((0, 3))
-    if not (
-        (array.ndim == 2 or (array.ndim == 3 and 1 <= array.shape[1] <= POINT_LIMIT))
-        and array.shape[-1] == 3
-    ):
-        raise MessageError(field, f"an array of shape {array.shape}", _expected_points(count))
-    return array
-
-
-def _expected_points(count: int) -> str:
-    return (
+        each = len(points) // (24 * count) if count else 1
+        is_hull = each > 1
+    elif points and points[0] and isinstance(points[0][0], list):
+        each, is_hull = len(points[0]), True
+    expected = (
         f"{count} rows of 3 coordinates, or of 1 to {POINT_LIMIT} such points, as many in each row"
     )
-
-
-def count_points(points: Cloud) -> int:
-    """How many points a cloud has, whatever else is wrong with it."""
-    return len(points) // 24 if isinstance(points, bytes) else len(points)
-
-
-def to_cloud(field: str, points: Cloud) -> NDArray[np.float64]:
-    """Points as an array, of shape (n, 3).
-
-    Raises:
-        MessageError: They are no rows of three coordinates.
-    """
-    expected = "rows of 3 coordinates"
-    if isinstance(points, bytes):
-        if len(points) % 24:
-            raise MessageError(field, f"{len(points)} bytes", f"packed float64: {expected}")
-        return np.frombuffer(points, PACKED).reshape(-1, 3)
-    if any(len(point) != 3 for point in points):
-        raise MessageError(field, "with a point of other than 3 coordinates", expected)
-    return np.array(points, float).reshape(-1, 3)
+    if not each <= POINT_LIMIT:
+        raise MessageError(field, f"of {each} points each", expected)
+    return _to_array(field, points, (count, each, 3) if is_hull else (count, 3), expected)
 
 
 def to_mask(field: str, values: bytes | list[bool], count: int) -> NDArray[np.bool_]:
@@ -430,25 +417,27 @@ def to_mask(field: str, values: bytes | list[bool], count: int) -> NDArray[np.bo
     """
     if len(values) != count:
         raise MessageError(field, f"{len(values)} values", f"{count}, one for each point")
-    if not isinstance(values, bytes):
-        return np.array(values, np.bool_).reshape(count)
-    mask = np.frombuffer(values, np.uint8)
+    mask = np.array(bytearray(values), np.uint8)
     if count and mask.max() > 1:
         raise MessageError(field, f"with a byte of {mask.max()}", "0 or 1 for each point")
     return mask.astype(np.bool_)
 
 
-def to_rows(field: str, rows: Rows, count: int, width: int) -> NDArray[np.float64]:
-    """One row a sample as an array, of shape (count, width).
-
-    Raises:
-        MessageError: If the number of rows, or of values in one of them, is not that.
-    """
-    expected = f"{count} rows of {width} values, one for each time and name"
-    if isinstance(rows, bytes):
-        if len(rows) != 8 * count * width:
-            raise MessageError(field, f"{len(rows)} bytes", f"packed float64: {expected}")
-        return np.frombuffer(rows, PACKED).reshape(count, width)
-    if len(rows) != count or any(len(row) != width for row in rows):
-        raise MessageError(field, f"{len(rows)} rows", expected)
-    return np.array(rows, float).reshape(count, width)
+def _to_array(
+    field: str, values: bytes | list[Any], shape: tuple[int, ...], expected: str
+) -> NDArray[np.float64]:
+    """Packed numbers, or lists of them, as an array of a shape."""
+    if isinstance(values, bytes):
+        if len(values) != 8 * math.prod(shape):
+            raise MessageError(field, f"{len(values)} bytes", f"packed float64: {expected}")
+        return np.frombuffer(values, PACKED).reshape(shape)
+    try:
+        array = np.array(values, float)
+    except ValueError:
+        raise MessageError(field, "rows of unequal length", expected) from None
+    if len(values) != shape[0]:
+        unit = "rows" if len(shape) > 1 else "values"
+        raise MessageError(field, f"{len(values)} {unit}", expected)
+    if array.shape != shape and len(values):
+        raise MessageError(field, f"an array of shape {array.shape}", expected)
+    return array.reshape(shape)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from armguard.monitor.late_data import LateData
-from armguard.monitor.levels import CLEAR, SLOW, STOP, VerdictRule
+from armguard.monitor.levels import AWARE, CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
 from armguard.monitor.stop_decision import STEP, StopDecision
 from armguard.pairs.scene import BOUND_NAMES
@@ -119,7 +119,8 @@ class Judge:
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, pieces = self._rule, self._stopping, self.pieces
-        self._late_data.follow(tick)
+        if tick.now >= self._late_data.sample_at:
+            self._late_data.follow(tick)
         pair, expiry, overdue, evaluated, _, _, ended = result
         contact_time = expiry - tick.time
         if unplaced:
@@ -158,12 +159,10 @@ class Judge:
             proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
         level, held = rule.decide(
             tick.now,
-            contact_time,
-            stop_time,
+            # At the end of a scale of 1 an arm at any speed rests in time.
+            AWARE if proved == 1.0 else earned,
             complete=complete,
             standing=standing,
-            rests=rests,
-            whole=proved == 1.0,
         )
         if level is SLOW and proved is None:
             proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
@@ -175,7 +174,8 @@ class Judge:
             reasons.append(self._tell_contact(pair, contact_time))
         if len(reasons) > 1:
             sort_reasons(reasons)
-        rule.keep_cause(tick.now, contact_time, stop_time, reasons)
+        if rule.begins:
+            rule.keep_cause(tick.now, contact_time, stop_time, reasons)
         cause = None
         if held:
             cause = rule.find_cause(level)
@@ -223,7 +223,7 @@ class Judge:
             self.pieces.reset()
         self.certificate_inputs = None
         self._rule.latch(reason, since)
-        level, _ = self._rule.decide(tick.now, 0.0, tick.stop_time, complete=False, standing=True)
+        level, _ = self._rule.decide(tick.now, STOP, complete=False, standing=True)
         self._rising.give(tick.now, 0.0)
         return self._make_verdict(stamp, tick, level, 0.0, 0.0, NOBODY, 0, [], complete=False)
 
@@ -318,14 +318,15 @@ class Judge:
         comes in time, for while a level is higher, the arm can stop before contact at whatever
         speed it has. A committed piece is run as it was proved, and not slower.
         """
-        rising = self._rising
-        scale = 0.0
-        if level is not STOP:
-            scale = 1.0 if is_proved else rising.find_most(tick.now)
-            if level is SLOW:
-                assert proved is not None, "found wherever the level is SLOW"
-                scale = min(scale, proved, MOST_SLOW_SCALE)
-        return rising.give(tick.now, scale)
+        limit = 1.0
+        if level is SLOW:
+            assert proved is not None, "found wherever the level is SLOW"
+            limit = min(proved, MOST_SLOW_SCALE)
+        elif level is STOP:
+            limit = 0.0
+        if is_proved:
+            return self._rising.give(tick.now, limit)
+        return self._rising.follow(tick.now, limit)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:
         """What no scale exceeds, since brakes are not stated for more; found at changes only.

@@ -131,6 +131,9 @@ class LateData:
         rule: Makes levels.
         settings: Of the monitor.
         stopping: Decides about stops; None: contact times alone decide.
+
+    Attributes:
+        sample_at: When the next ages are to be taken in, in [s].
     """
 
     def __init__(
@@ -160,21 +163,19 @@ class LateData:
 
     def reset(self) -> None:
         """Time may start anew; usual ages stay what they are."""
-        self._slot = self._sample_at = self._asked_at = self._calm_until = -math.inf
+        self._slot = self.sample_at = self._asked_at = self._calm_until = -math.inf
         self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
         self._fresh: Level | None = Level.STOP
         self._owners: list[int] = []
         self._lateness: dict[str, float] = {}
 
     def follow(self, tick: Tick) -> None:
-        """Take in the ages of a tick; most ticks take in nothing."""
-        if tick.now < self._sample_at:
-            return
+        """Take in the ages of a tick that is not before `sample_at`."""
         # One instant in each slot; after a pause slots begin anew.
         slot = self._slot + SAMPLING
         self._slot = slot if tick.now < slot + SAMPLING else tick.now
         self._sample_number += 1
-        self._sample_at = self._slot + SAMPLING * (self._sample_number * GOLDEN_RATIO % 1.0)
+        self.sample_at = self._slot + SAMPLING * (self._sample_number * GOLDEN_RATIO % 1.0)
         self._calm_until = -math.inf
         self._joint_age.add(tick.arm_age)
         sources = self._obstacles.source_states

@@ -43,7 +43,9 @@ class VerdictRule:
         self._low_at = -math.inf
         self._causes = [NO_CAUSE] * len(Level)
         self._raw: Level = CLEAR
-        self._begins = False
+        self.begins = False
+        """Whether what the last tick earned by itself begins with it, so that its cause is to be
+        kept."""
 
     def reset(self) -> None:
         """Forget latched faults and held levels; the next tick counts as evidence for STOP.
@@ -91,26 +93,20 @@ class VerdictRule:
     def decide(
         self,
         now: float,
-        contact_time: float,
-        stop_time: float,
+        earned: Level,
         *,
         complete: bool,
         standing: bool,
-        rests: bool = False,
-        whole: bool = False,
     ) -> tuple[Level, bool]:
         """The level to give out at `now`, and whether earlier evidence holds it down.
 
         Args:
             now: Time of this tick, in [s], never less than at the call before.
-            contact_time: Earliest possible contact, in [s] from now.
-            stop_time: Time to come to rest, in [s] from now.
+            earned: What the contact time of this tick earns by itself; see `grade`.
             complete: Whether a certificate in force stands behind every pair.
             standing: Whether a standing fault is present in this tick.
-            rests: As for `grade`.
-            whole: As for `grade`.
         """
-        raw = self.grade(contact_time, stop_time, rests=rests, whole=whole)
+        raw = earned
         if standing or self.latched or not complete:
             raw = STOP
         if not self._settled:
@@ -126,7 +122,7 @@ class VerdictRule:
         self._raw = raw
         # Anew as well where a lower level was earned since: then that was what held.
         last = self._last_at[raw]
-        self._begins = raw is not CLEAR and (
+        self.begins = raw is not CLEAR and (
             not now - last < self.rise_delay or max(self._last_at[: raw + 1]) > last
         )
         self._last_at[raw] = now
@@ -147,18 +143,17 @@ class VerdictRule:
     def keep_cause(
         self, now: float, contact_time: float, stop_time: float, reasons: Sequence[Reason]
     ) -> None:
-        """Keep what this tick's own level rests on, if the level begins with it.
+        """Keep what this tick's own level rests on, where the level `begins` with it.
 
         Args:
             now: As in `decide`, which was called for this tick.
-            contact_time: As in `decide`.
-            stop_time: As in `decide`.
+            contact_time: Of the tick, in [s] from now.
+            stop_time: Of the tick, in [s] from now.
             reasons: Of the tick, the weightiest first; beside those that are latched.
         """
-        if self._begins:
-            latched = next(iter(self.latched.values()), None)
-            reason = latched or (reasons[0] if reasons else None)
-            self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
+        latched = next(iter(self.latched.values()), None)
+        reason = latched or (reasons[0] if reasons else None)
+        self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
 
     def find_cause(self, level: Level) -> Held:
         """What began a level that is held, and when it may rise."""

@@ -41,6 +41,14 @@ class RisingScale:
         most = self.given + self._rise * (now - self._given_at)
         return min(most, self._ceiling if now < self._steady_until else 1.0)
 
+    def follow(self, now: float, limit: float) -> float:
+        """Give out the most that may be given out at a time, in [s], up to a limit."""
+        if self.given == 1.0 == limit and now >= self._steady_until:
+            # The usual case: nothing has held the arm back for long.
+            self._given_at = now
+            return limit
+        return self.give(now, min(limit, self.find_most(now)))
+
     def give(self, now: float, scale: float) -> float:
         """Take note of a scale that is given out at a time, in [s]; 0 is a STOP."""
         if 0.0 < scale < self.given:

@@ -66,16 +66,6 @@ def is_writable(text: str) -> bool:
     return True
 
 
-def is_same(ids: list[str], names: list[str]) -> bool:
-    """Whether a list of ids is one that was read before."""
-    try:
-        # What is no string might call itself equal to one, or be unable to tell.
-        "".join(ids)
-    except TypeError:
-        return False
-    return ids == names
-
-
 def read_time(name: str, value: object) -> float:
     """A finite time, in [s]."""
     if type(value) is float and -math.inf < value < math.inf:

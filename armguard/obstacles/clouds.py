@@ -62,10 +62,6 @@ NAMES_KEPT = 100_000
 """Names of voxels that are remembered, by key; all are forgotten when there are more."""
 
 
-class VoxelCountError(ObstacleError):
-    """A cloud by which its source has more obstacles than it may."""
-
-
 class CloudReader:
     """Makes voxels of clouds, and finds those that a cloud has seen to be empty.
 

@@ -14,11 +14,9 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
+from armguard.messages.batch import FIELDS
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.table import States, make_states
-
-FIELDS = ("radius", "accel", "speed", "position_error", "velocity_error")
-"""What a message says of a sample with one number, in this order."""
 
 LEAST_ROOM = 64
 """Samples of balls that there is room for at the least."""
@@ -113,48 +111,27 @@ class MessageMemory:
             np.array([frame.position_error for frame in frames]),
         )
         self._make(LEAST_ROOM, 1)
-        self._lay_out(0, 1)
+        self._lay_out((0, 3))
 
     def take_points(self, points: FloatArray, velocities: FloatArray | None) -> None:
-        """Take in the points of a message for which there is room, and their velocities if known.
+        """Take in the points of a message, and their velocities if known; make room if need be.
 
         Args:
             points: In [m]. Shape (n, 3) or (n, k, 3).
             velocities: In [m/s]. Alike, or None.
         """
-        places = self._balls if points.ndim == 2 else self._hulls
+        shape = points.shape
+        if shape != self._shape:
+            count, points_each = shape[0], 1 if len(shape) == 2 else shape[1]
+            rows, width = self.data.points.shape[:2]
+            if count > rows or points_each > width:
+                rows = rows if count <= rows else max(count, 2 * rows)
+                self._make(rows, max(width, points_each))
+            self._lay_out(shape)
         # A slice in place of the dots takes twice as long.
-        places[0][...] = points
+        self._points[...] = points
         if velocities is not None:
-            places[1][...] = velocities
-
-    def list_samples(self, count: int, each: int, *numbers: float) -> tuple[Any, ...]:
-        """The samples of the message that was read, until the next one is.
-
-        Args:
-            count: Of its samples.
-            each: Of which fields there is one number for each sample, a bit for each of `FIELDS`.
-            numbers: The others, in the order of `FIELDS`.
-
-        Returns:
-            Points, velocities, and each of `FIELDS` as one number or an array.
-        """
-        fields: list[Any] = list(numbers)
-        if each:
-            for i, own in enumerate(self.fields):
-                if each >> i & 1:
-                    fields[i] = own[:count]
-        return (*self._hulls, *fields)
-
-    def fit(self, count: int, points_each: int) -> None:
-        """Make room for so many samples of so many points each; what stood there is void."""
-        if (count, points_each) == self._shape:
-            return
-        rows, width = self.data.points.shape[:2]
-        if count > rows or points_each > width:
-            rows = rows if count <= rows else max(count, 2 * rows)
-            self._make(rows, max(width, points_each))
-        self._lay_out(count, points_each)
+            self._velocities[...] = velocities
 
     def _make(self, rows: int, width: int) -> None:
         radius, accel, speed, position_error, velocity_error = (np.zeros(rows) for _ in FIELDS)
@@ -174,12 +151,12 @@ class MessageMemory:
         )
         self.handle = pack(self.data)
 
-    def _lay_out(self, count: int, points_each: int) -> None:
-        self._shape = count, points_each
-        self.points_each = points_each
-        points, velocities = self.data.points[:count], self.data.velocities[:count]
-        self._hulls = points[:, :points_each], velocities[:, :points_each]
-        self._balls = points[:, 0], velocities[:, 0]
+    def _lay_out(self, shape: tuple[int, ...]) -> None:
+        """Let the places for points be those of a message with points of this shape."""
+        self._shape, is_ball = shape, len(shape) == 2
+        count, self.points_each = shape[0], 1 if is_ball else shape[1]
+        places = slice(count), 0 if is_ball else slice(self.points_each)
+        self._points, self._velocities = self.data.points[places], self.data.velocities[places]
 
     def __getstate__(self) -> dict[str, Any]:
         # Arrays of a copy would be others than those that its handle is on.
@@ -188,4 +165,4 @@ class MessageMemory:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._frames = state["_frames"]
         self._make(LEAST_ROOM, 1)
-        self._lay_out(0, 1)
+        self._lay_out((0, 3))

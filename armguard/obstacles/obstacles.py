@@ -20,12 +20,11 @@ from armguard.exceptions import ObstacleError
 from armguard.jit import numerics
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
-from armguard.messages.batch import ObstacleBatch
+from armguard.messages.batch import Field, ObstacleBatch
 from armguard.messages.events import DroppedPoints, MalformedCall, PromiseBroken, StaticObstacle
 from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
-    is_same,
     is_writable,
     read_bound,
     read_field,
@@ -36,7 +35,6 @@ from armguard.obstacles.arguments import (
 )
 from armguard.obstacles.clouds import (
     CloudReader,
-    VoxelCountError,
     check_names,
     enclosing_radius,
     find_key,
@@ -47,7 +45,7 @@ from armguard.obstacles.clouds import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frame_history import FrameHistory
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.message import FIELDS, MessageHead, MessageMemory
+from armguard.obstacles.message import MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.settings import ObstacleSettings
@@ -79,6 +77,10 @@ for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
     _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
     _KINDS[rule.TOO_LARGE + _field] = (FaultKind.BOUND_TOO_LARGE, _name)
+
+
+class ObstacleCountError(ObstacleError):
+    """A message by which its source would have more obstacles than it may."""
 
 
 class Obstacles(ObstacleRegister):
@@ -220,55 +222,109 @@ class Obstacles(ObstacleRegister):
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
         """
+        try:
+            names = ids if type(ids) is list else read_ids(ids)
+            count = len(names)
+            points = read_points("position", position, count)
+            velocities = None if velocity is None else read_points("velocity", velocity, count)
+            # A loop over these, or a call for each, takes as long as most of what follows.
+            if radius is not None and type(radius) is not float:
+                radius = read_field("radius", radius, count)
+            if accel is not None and type(accel) is not float:
+                accel = read_field("accel", accel, count)
+            if speed is not None and type(speed) is not float:
+                speed = read_field("speed", speed, count)
+            if type(position_error) is not float:
+                position_error = read_field("position_error", position_error, count)
+            if type(velocity_error) is not float:
+                velocity_error = read_field("velocity_error", velocity_error, count)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, source, stamp) from None
+        # A named tuple's own constructor takes twice as long.
+        self.take(
+            tuple.__new__(
+                ObstacleBatch,
+                (
+                    names,
+                    stamp,
+                    points,
+                    velocities,
+                    radius,
+                    accel,
+                    speed,
+                    position_error,
+                    velocity_error,
+                    source,
+                    frame,
+                    snapshot,
+                ),
+            )
+        )
+
+    def take(self, batch: ObstacleBatch, limit: int | None = None, gone: int = 0) -> bool:
+        """Takes a message of a source as `update` does; its numbers are read already.
+
+        Args:
+            batch: Its arrays have the shapes that `ObstacleBatch` names, and may be overwritten
+                once this has returned. All else is checked here.
+            limit: How many obstacles the source may have after a message that adds some; None: as
+                many as the table has room for.
+            gone: How many of those that it has are about to be removed.
+
+        Returns:
+            Whether each sample was simply taken; the others have left faults.
+
+        Raises:
+            ObstacleError: The message is malformed; nothing of it is taken, and a fault is left.
+        """
+        (
+            ids,
+            stamp,
+            points,
+            velocities,
+            radius,
+            accel,
+            speed,
+            position_error,
+            velocity_error,
+            source,
+            frame,
+            snapshot,
+        ) = batch
         known = self._sources.find(source) if isinstance(source, str) else None
         resolved = None if known is None else self._recall(ids, known.index)
         try:
             if resolved is None:
-                resolved = ResolvedIds(read_ids(ids), None, 0.0, 0.0)
+                names = read_ids(ids)
                 if not self.takes_voxels:
-                    check_names(resolved.names)
-            time = read_time("stamp", stamp)
+                    check_names(names)
+                resolved = ResolvedIds(names, None, *self.bounds.find(names))
+            time = stamp
+            if not (type(time) is float and -math.inf < time < math.inf):
+                time = read_time("stamp", stamp)
             if known is None:
                 self._check_source(source)
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, accels, speeds = resolved
-            count = len(names)
-            if count and radius is None:
+            names, rows, usual_accel, usual_speed = resolved
+            if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
-            if rows is None:
-                accels, speeds = self.bounds.find(names)
-                resolved = ResolvedIds(names, rows, accels, speeds)
+            if limit is not None:
+                self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
             numbers = self._read_samples(
-                count,
-                position,
-                velocity,
+                points,
+                velocities,
                 0.0 if radius is None else radius,
-                accels if accel is None else accel,
-                speeds if speed is None else speed,
+                usual_accel if accel is None else accel,
+                usual_speed if speed is None else speed,
                 position_error,
                 velocity_error,
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         if self.journal is not None:
-            points, velocities, *fields = self._memory.list_samples(count, *numbers)
-            batch = ObstacleBatch(
-                names,
-                time,
-                points,
-                None if velocity is None else velocities,
-                fields[0],
-                None if accel is None else fields[1],
-                None if speed is None else fields[2],
-                fields[3],
-                fields[4],
-                source,
-                frame,
-                bool(snapshot),
-            )
-            self.journal.note_update(batch)
+            self.journal.note_update(batch._replace(ids=names, stamp=time, snapshot=bool(snapshot)))
         late = known is not None and time < known.newest
         state = self._sources.hear(source, time)
         if snapshot and not late:
@@ -296,11 +352,11 @@ class Obstacles(ObstacleRegister):
             # A named tuple's own constructor takes twice as long.
             tuple.__new__(
                 MessageHead,
-                (points_each, time, self._extent, number, velocity is not None, *numbers),
+                (points_each, time, self._extent, number, velocities is not None, *numbers),
             ),
         )
         if not is_usual:
-            codes = self._memory.data.codes[:count]
+            codes = self._memory.data.codes[: len(names)]
             codes[wrong] = WRONG_FRAME
             self._frame_history.note(state.index, number, rows, codes)
         if taken and time > self._newest:
@@ -312,9 +368,10 @@ class Obstacles(ObstacleRegister):
         refused = 0
         if exceptions:
             refused = self._tell_exceptions(names, time, source, frame)
-        self._sources.count(state, time, count, refused)
+        self._sources.count(state, time, len(names), refused)
         if snapshot:
             self._remove_absent(rows, time, state, late)
+        return not exceptions
 
     def update_cloud(
         self,
@@ -379,8 +436,7 @@ class Obstacles(ObstacleRegister):
             edge = read_edge(voxel, clouds.edges.get(source), source)
             placed = self._memory.data.frames
             error += float(placed.position_error[number])
-            bounds = self.bounds.find(["voxel"])
-            rate, pace = (float(np.max(bound)) for bound in bounds)
+            known = (float(np.max(bound)) for bound in self.bounds.find(["voxel"]))
             names, centers, dropped = clouds.read(
                 ends,
                 mask,
@@ -393,23 +449,22 @@ class Obstacles(ObstacleRegister):
             gone: list[str] = []
             if not snapshot:
                 gone = clouds.find_empty(self._list_unseen(source, names, time), edge, error)
-            if limit is not None:
-                self._check_voxels(source, names, len(gone), limit, snapshot=snapshot)
+            rate, pace = (
+                usual if value is None else read_field(name, value, len(names))
+                for name, value, usual in zip(
+                    ("accel", "speed"), (accel, speed), known, strict=True
+                )
+            )
         except ObstacleError as error_found:
             raise self._leave_malformed(error_found, source, stamp) from None
         takes_voxels, self.takes_voxels = self.takes_voxels, True
         try:
-            self.update(
-                names,
-                time,
-                centers,
-                None,
-                enclosing_radius(edge),
-                rate if accel is None else accel,
-                pace if speed is None else speed,
-                error,
-                source=source,
-                snapshot=snapshot,
+            size = enclosing_radius(edge)
+            numbers = size, rate, pace, error, 0.0
+            self.take(
+                ObstacleBatch(names, time, centers, None, *numbers, source, WORLD, snapshot),
+                limit,
+                len(gone),
             )
         finally:
             self.takes_voxels = takes_voxels
@@ -421,15 +476,21 @@ class Obstacles(ObstacleRegister):
         if gone:
             self.remove(gone, time, source)
 
-    def _check_voxels(
-        self, source: str, names: list[str], gone: int, limit: int, *, snapshot: bool
+    def _check_count(
+        self, source: str, names: list[str], limit: int, gone: int, *, snapshot: bool
     ) -> None:
-        """Raise VoxelCountError if voxels that a cloud adds take its source beyond a limit."""
+        """Raise ObstacleCountError if a message takes its source beyond a number of obstacles.
+
+        One that adds none is always taken.
+        """
         known = self.count_of(source)
+        if len(names) + (0 if snapshot else known) <= limit:
+            return
+        # Those that the table has already are looked up only where that decides.
         together = self.count_of(source, names)
         count = len(names) if snapshot else together - gone
         if together > known and count > limit:
-            raise VoxelCountError(
+            raise ObstacleCountError(
                 "message",
                 f"one by which {source!r} has {count} obstacles; "
                 f"expected max_obstacles, {limit} at most",
@@ -478,35 +539,26 @@ class Obstacles(ObstacleRegister):
 
     def _read_samples(
         self,
-        count: int,
-        position: ArrayLike,
-        velocity: ArrayLike | None,
-        radius: ArrayLike,
+        points: FloatArray,
+        velocities: FloatArray | None,
+        radius: Field,
         accel: ArrayLike,
         speed: ArrayLike,
-        position_error: ArrayLike,
-        velocity_error: ArrayLike,
+        position_error: Field,
+        velocity_error: Field,
     ) -> tuple[Any, ...]:
-        """Reads the samples of a message into its memory.
+        """Takes the samples of a message into the memory of messages.
 
         Returns:
             The last values of `MessageHead`, from `each` on.
         """
-        memory = self._memory
-        points, velocities = read_points("position", position, count), None
-        shape = points.shape
-        if velocity is not None:
-            velocities = read_points("velocity", velocity, count)
-            if velocities.shape != shape:
-                # One point each can be told in two ways.
-                points, velocities = points.reshape(count, -1, 3), velocities.reshape(count, -1, 3)
+        memory, count = self._memory, len(points)
+        if velocities is not None and velocities.shape != points.shape:
+            # One point each can be told in two ways.
+            points, velocities = (array.reshape(count, -1, 3) for array in (points, velocities))
             if velocities.shape != points.shape:
-                raise ObstacleError(
-                    "velocity",
-                    f"has shape {velocities.shape}",
-                    expected=f"{points.shape} as position",
-                )
-        memory.fit(count, 1 if len(shape) == 2 else shape[1])
+                found = f"has shape {velocities.shape}"
+                raise ObstacleError("velocity", found, expected=f"{points.shape} as position")
         memory.take_points(points, velocities)
         # A set of their types takes three times as long.
         if (
@@ -516,11 +568,10 @@ class Obstacles(ObstacleRegister):
             return 0, radius, accel, speed, position_error, velocity_error
         each, values = 0, []
         for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
-            number = read_field(FIELDS[i], value, count)
-            if type(number) is not float:
-                memory.fields[i][:count] = number
-                each, number = each + (1 << i), math.nan
-            values.append(number)
+            if type(value) is not float:
+                memory.fields[i][:count] = value
+                each += 1 << i
+            values.append(value if type(value) is float else math.nan)
         return each, *values
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
@@ -530,7 +581,12 @@ class Obstacles(ObstacleRegister):
             return None
         # Those of the last cloud may be named where voxels are taken alone.
         resolved = known.get((len(ids), ids[0], self.takes_voxels))
-        return resolved if resolved is not None and is_same(ids, resolved.names) else None
+        try:
+            # What is no string might call itself equal to one, or be unable to tell.
+            "".join(ids)
+        except TypeError:
+            return None
+        return resolved if resolved is not None and resolved.names == ids else None
 
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
         """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.

@@ -120,7 +120,7 @@ class ObstacleRegister:
         """How many obstacles of a source there are, or would be with these ids besides."""
         state = self._sources.find(source)
         rows = {} if state is None else self._rows.get(state.index, {})
-        return len(rows) + len({id for id in also if id not in rows})
+        return len(rows) + len(set(also).difference(rows))
 
     def start_watching(self) -> int:
         """Lets every row in use count as added, for a new watcher, and returns its number.

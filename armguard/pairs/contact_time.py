@@ -12,7 +12,6 @@ hundred of them, takes longer than most evaluations.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -84,8 +84,8 @@ def restore_plan(message: PlanMessage | MalformedPlan) -> Any:
     return Plan(
         message.stamp,
         to_values("times", message.times, count),
-        to_rows("q", message.q, count, joints),
-        to_rows("v", message.v, count, joints),
+        to_rows("q", message.q, joints, count),
+        to_rows("v", message.v, joints, count),
         _read_errors("tracking_error", message.tracking_error, joints),
         None if further is None else _read_errors("velocity_tracking_error", further, joints),
     )

@@ -292,7 +292,7 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
     if isinstance(event, ObstaclesMessage):
         # The voxels of a recorded cloud stand in an update.
         obstacles.takes_voxels = True
-        obstacles.update(*read_batch(event))
+        obstacles.take(read_batch(event))
     elif isinstance(event, RemoveMessage):
         since = None if math.isnan(event.stamp) else event.stamp
         obstacles.remove(event.ids, since, event.source or None)
@@ -307,7 +307,7 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
     elif isinstance(event, IgnoreMessage):
         zone = None
         if event.zone is not None:
-            zone = to_rows("zone", event.zone, len(event.zone) // 24, 3)
+            zone = to_rows("zone", event.zone, 3)
         monitor.ignore(event.link, event.ids, event.source, until=event.until, zone=zone)
     elif isinstance(event, WatchMessage):
         monitor.watch(event.number)

@@ -11,8 +11,8 @@ from armguard.streams.faults import FaultLog
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.joint_intake import JointState
 from armguard.streams.keys import KeyPair, Keys
-from armguard.streams.limits import SourceLimits
 from armguard.streams.nodes import Publisher, VerdictPublisher, VerdictReader
+from armguard.streams.source_accounts import SourceLimits
 from armguard.streams.stamp_clocks import StampClock
 
 __all__ = [

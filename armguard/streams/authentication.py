@@ -1,4 +1,4 @@
-"""Who may connect, and who sent a message: CURVE keys, checked for each connection.
+"""Who may connect, and who may send what: CURVE keys, checked for each connection.
 
 ZeroMQ asks by its own protocol (ZAP, RFC 27) whether the key of a client is a known one, and keeps
 the name that it is answered with each message that comes over that connection. The answers are
@@ -16,7 +16,18 @@ import zmq
 from zmq.utils import z85
 
 from armguard.exceptions import StreamError
-from armguard.messages.incoming import MessageError
+from armguard.messages.incoming import (
+    AnyMessage,
+    CloudMessage,
+    IgnoreMessage,
+    JointsMessage,
+    MessageError,
+    ObstaclesMessage,
+    PlanMessage,
+    RemoveMessage,
+    ResetMessage,
+    WatchMessage,
+)
 from armguard.streams.keys import KeyPair, check_key
 
 Right = Literal["obstacles", "joints", "verdicts", "reset", "view"]
@@ -176,3 +187,35 @@ class Authenticator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage
+"""Messages whose sender must speak for the arm that they name. A reset names an arm, too; who may
+send one has a right of its own."""
+
+
+def check_sender(message: AnyMessage, sender: str | None, authenticator: Authenticator) -> None:
+    """Raise SenderError if the key of a message's sender does not entitle to send it.
+
+    Args:
+        message: What was sent.
+        sender: Client whose key it came with.
+        authenticator: Knows what clients may do.
+    """
+    right: Right = "joints"
+    if isinstance(message, ObstaclesMessage | CloudMessage | RemoveMessage):
+        right = "obstacles"
+    elif isinstance(message, ResetMessage):
+        right = "reset"
+    if sender is None or not authenticator.may(sender, right):
+        found = f"one of {sender!r}, which may not send {right}"
+        raise SenderError("message", found, f"a client that may: {right!r}", sender or "unknown")
+    if isinstance(message, _OF_ARMS):
+        if not authenticator.may_speak_for(sender, message.arm):
+            found = f"{message.arm!r} in a message with the key of {sender!r}"
+            raise SenderError("arm", found, f"one of the arms of {sender!r}", sender)
+    elif not isinstance(message, ResetMessage) and message.source != sender:
+        found = f"{message.source!r} in a message with the key of {sender!r}"
+        error = SenderError("source", found, repr(sender), sender, message.seq)
+        error.hides_obstacles = True
+        raise error

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
-from armguard.messages.incoming import CloudMessage, MessageError, to_cloud, to_mask
-from armguard.obstacles.clouds import VoxelCountError
+from armguard.messages.incoming import CloudMessage, count_rows, to_mask, to_rows
 from armguard.streams.intake import Intake
 from armguard.streams.joint_intake import JointState
-from armguard.streams.limits import LimitError
-from armguard.streams.source_accounts import SourceAccounts
-from armguard.streams.stamp_clocks import MONOTONIC, StampClock
-from armguard.streams.widening import widen
+from armguard.streams.obstacle_intake import widen
+from armguard.streams.source_accounts import LimitError, SourceAccount
 
 
 class OwnPoints(NamedTuple):
@@ -34,8 +31,6 @@ class CloudIntake:
 
     Args:
         intake: The table, where faults are counted, and times.
-        accounts: What sources may send.
-        clocks: How sources stamp; those not named here, with the monotonic clock.
         bounds: Acceleration and speed of voxels that bring none and that no pattern of the table's
             fits, in [m/s²] and [m/s]; for sources without a clock.
         own_points: How points that are the arm's are told from others; None: no clouds are taken.
@@ -45,37 +40,32 @@ class CloudIntake:
     def __init__(
         self,
         intake: Intake,
-        accounts: SourceAccounts,
-        clocks: Mapping[str, StampClock],
         bounds: tuple[float, float],
         own_points: OwnPoints | None,
         past: Iterable[JointState],
     ) -> None:
         self._intake = intake
-        self._accounts = accounts
-        self._clocks = clocks
         self._bounds = bounds
         self._own_points = own_points
         self._past = past
         if own_points is not None:
             intake.obstacles.prepare_clouds()
 
-    def take(self, message: CloudMessage) -> None:
-        """Tell the table of a cloud; what cannot be used is counted."""
+    def take(self, message: CloudMessage, account: SourceAccount) -> None:
+        """Tell the table of a cloud; what the table cannot use is counted.
+
+        Raises:
+            MessageError: Its points are no rows of three, or its marks are not one a point.
+            LimitError: It has too many points, or none is taken here.
+        """
         intake, source, sequence = self._intake, message.source, message.seq
-        self._accounts.check_cloud(message, are_taken=self._own_points is not None)
-        clock = self._clocks.get(source, MONOTONIC)
-        stamp, gap = intake.times.translate(message.stamp, clock)
-        window = clock.error + gap
-        try:
-            points = to_cloud("points", message.points)
-            occupied = None
-            if message.occupied is not None:
-                occupied = to_mask("occupied", message.occupied, len(points))
-        except MessageError as error:
-            intake.tell_verdict(MessageError(error.field, error.value, error.expected, source))
-            intake.faults.add("malformed", source, sequence, str(error))
-            return
+        self._check_size(message, account.limits.points)
+        stamp, gap = intake.times.translate(message.stamp, account.clock)
+        window = account.clock.error + gap
+        points = to_rows("points", message.points, 3, of="coordinates")
+        occupied = None
+        if message.occupied is not None:
+            occupied = to_mask("occupied", message.occupied, len(points))
         named = {"stamp": message.stamp, "origin": message.origin, "points": points}
         intake.check_finite(source, sequence, named)
         others = self._find_others(points, message, stamp, window)
@@ -94,25 +84,33 @@ class CloudIntake:
                 speed=message.speed,
                 frame=message.frame,
                 snapshot=message.snapshot,
-                limit=self._accounts.limits_of(source).obstacles,
+                limit=account.limits.obstacles,
             )
         except ArmguardError as error:
-            kind = LimitError.kind if isinstance(error, VoxelCountError) else "refused"
-            intake.faults.add(kind, source, sequence, str(error))
+            intake.count_refused(error, source, sequence)
+
+    def _check_size(self, message: CloudMessage, most: int) -> None:
+        """Raise LimitError if a cloud has too many points, or none is taken here.
+
+        How many voxels it makes is not known yet: the table counts them before it takes any.
+        """
+        points, problem = count_rows(message.points, 3), None
+        if self._own_points is None:
+            problem = "a cloud", "obstacles: [clouds] in the cell file lets clouds be taken"
+        elif points > most:
+            problem = f"one of {points} points", f"max_points, {most} at most"
+        if problem is not None:
+            raise LimitError("message", *problem, message.source, message.seq)
 
     def _widen(self, message: CloudMessage, window: float) -> float:
         """What points may be off by if their stamp may be too old by `window` [s], in [m]."""
         if not window > 0.0:
             return message.position_error
-        fields: dict[str, Any] = {
-            "position_error": message.position_error,
-            "velocity_error": 0.0,
-            "velocity": None,
-            "accel": message.accel,
-            "speed": message.speed,
-        }
-        widen(fields, window, *self._intake.obstacles.bounds.find(["voxel"], *self._bounds))
-        return float(np.max(fields["position_error"]))
+        accel, speed = self._intake.obstacles.bounds.find(["voxel"], *self._bounds)
+        accel = accel if message.accel is None else message.accel
+        speed = speed if message.speed is None else message.speed
+        error, _ = widen(window, accel, speed, None, message.position_error, 0.0)
+        return float(np.max(error))
 
     def _find_others(
         self, points: NDArray[np.float64], message: CloudMessage, stamp: float, window: float

@@ -33,23 +33,22 @@ from armguard.messages.incoming import (
     read_header,
 )
 from armguard.obstacles.obstacles import Obstacles
-from armguard.streams.arm_names import ArmMessage, ArmNames
-from armguard.streams.authentication import Authenticator
+from armguard.streams.authentication import Authenticator, check_sender
 from armguard.streams.cloud_intake import CloudIntake, OwnPoints
 from armguard.streams.faults import FaultLog
-from armguard.streams.input_watch import InputWatch
-from armguard.streams.inputs import BYTE_LIMIT, Input, SocketInput
-from armguard.streams.intake import Intake
+from armguard.streams.inputs import BYTE_LIMIT, Input, InputWatch, SocketInput
+from armguard.streams.intake import ArmMessage, Intake
 from armguard.streams.joint_intake import JointIntake
-from armguard.streams.limits import SourceLimits
 from armguard.streams.obstacle_intake import ObstacleIntake
 from armguard.streams.other_arm_intake import OtherArm, OtherArmIntake
-from armguard.streams.plan_intake import PlanReader
-from armguard.streams.requests import Requests
-from armguard.streams.sender_rights import check_sender
-from armguard.streams.source_accounts import SourceAccounts, SourceMessage
+from armguard.streams.requests import PlanReader, Requests, TokenReader
+from armguard.streams.source_accounts import (
+    SourceAccount,
+    SourceAccounts,
+    SourceLimits,
+    SourceMessage,
+)
 from armguard.streams.stamp_clocks import MONOTONIC, StampClock, StampTimes
-from armguard.streams.token_intake import TokenIntake
 
 _MESSAGES_A_DRAIN = 64
 """Most messages taken from one input in one tick; the rest wait for the next."""
@@ -61,11 +60,8 @@ _DECODED_AT_ONCE = 4096
 """Longest message, in bytes, that is decoded before it is charged to its source. That takes about a
 millisecond at most; of 4 MiB of empty lists it would take a second, and reading the header 6 ms."""
 
-_OF_SOURCES = frozenset((ObstaclesMessage, CloudMessage, RemoveMessage))
-"""Types of messages that are charged to the source that they name."""
-
 _TAGS_OF_SOURCES = frozenset(("obstacles", "cloud", "remove"))
-"""The same as they are named in messages."""
+"""Types of messages, as they are named there, that are charged to the source that they name."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,29 +135,26 @@ class Edge:
         self.received = self.cut_short = 0
         self.requests = Requests()
         self.times = StampTimes(clock, cell.monotonic, cell.unix)
-        self._clock = clock
         self._drain_time = cell.drain_time
-        self._intake = intake = Intake(obstacles, faults, self.times)
-        self._arms = arms = ArmNames(cell.arm, cell.others)
-        self._accounts = accounts = SourceAccounts(intake, cell.limits)
-        stamped, clocks = cell.joint_clock, cell.stamp_clocks
-        keeps_past = cell.own_points is not None
-        self.joints = JointIntake(
-            intake, joints, arms, stamped, cell.joint_timeout, keeps_past=keeps_past
-        )
-        self._plans = PlanReader(intake, arms, stamped)
+        self._intake = intake = Intake(obstacles, faults, self.times, cell.arm, cell.others)
+        self._accounts = SourceAccounts(intake, cell.limits, cell.stamp_clocks)
+        stamped, keeps_past = cell.joint_clock, cell.own_points is not None
+        self.joints = JointIntake(intake, joints, stamped, cell.joint_timeout, keeps_past)
+        self._plans = PlanReader(intake, stamped)
         self._others = {
             name: OtherArmIntake(intake, name, arm, stamped, self._plans)
             for name, arm in cell.others.items()
         }
-        bodies = ObstacleIntake(intake, accounts, clocks, cell.accel, cell.speed)
+        bodies = ObstacleIntake(intake, cell.accel, cell.speed)
         bounds = cell.accel, cell.speed
-        clouds = CloudIntake(intake, accounts, clocks, bounds, cell.own_points, self.joints.past)
-        tokens = TokenIntake(intake, self.requests, arms, stamped, cell.reset_token)
+        clouds = CloudIntake(intake, bounds, cell.own_points, self.joints.past)
+        tokens = TokenReader(intake, self.requests, stamped, cell.reset_token)
+        self._source_handlers: dict[type, Callable[[Any, SourceAccount], None]] = {
+            ObstaclesMessage: bodies.take,
+            CloudMessage: clouds.take,
+            RemoveMessage: bodies.take_removal,
+        }
         self._handlers: dict[type, Callable[[Any], None]] = {
-            ObstaclesMessage: self._of_source(bodies.take),
-            CloudMessage: self._of_source(clouds.take),
-            RemoveMessage: self._of_source(bodies.take_removal),
             JointsMessage: self._take_joints if self._others else self.joints.take,
             PlanMessage: self._take_plan,
             IgnoreMessage: self._of_this_arm(tokens.take_exemption),
@@ -169,7 +162,9 @@ class Edge:
             ResetMessage: self._of_this_arm(tokens.take_reset),
         }
         self._watch = InputWatch(faults)
-        self._emptied: dict[Input, float] = {}
+        self._arrived_after: dict[Input, float] = {}
+        """When the next message of an input had not arrived yet, in [s], where that is earlier than
+        the beginning of the last drain."""
 
     def drain(self, inputs: Sequence[Input]) -> float:
         """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
@@ -183,35 +178,42 @@ class Edge:
             at this time.
         """
         times, joints = self.times, self.joints
-        times.drain_start = self._clock.now()
-        joints.begin_drain()
+        last, now = times.drain_start, times.now()
+        times.drain_start = now
         self.requests.begin_drain()
-        self._watch.attend(inputs)
+        for source in self._watch.attend(inputs):
+            self._arrived_after[source] = times.start
         is_emptied = False
         for source in inputs:
+            # Others than sockets do not know whether they are empty.
+            socket = source if isinstance(source, SocketInput) else None
+            if socket is not None and not socket.is_unread:
+                continue
             # Whatever is taken now arrived since this input was last found empty.
-            times.arrived_after = self._emptied.get(source, times.start)
+            times.arrived_after = self._arrived_after.pop(source, last)
             joints.has_come = False
-            is_empty = isinstance(source, SocketInput) and not source.is_unread
-            if not is_empty:
-                is_empty = self._take_messages(source, self._drain_time / len(inputs))
-            is_emptied = is_emptied or (is_empty and joints.has_come)
-            self._emptied[source] = times.drain_start if is_empty else times.arrived_after
-        now = self._clock.now()
+            until = now + self._drain_time / len(inputs)
+            if self._take_messages(source, socket, until):
+                is_emptied = is_emptied or joints.has_come
+            else:
+                self.cut_short += 1
+                self._arrived_after[source] = times.arrived_after
+            now = times.now()
         joints.settle(now, is_emptied=is_emptied, is_reset=self.requests.is_reset)
         return now
 
-    def _take_messages(self, source: Input, share: float) -> bool:
+    def _take_messages(self, source: Input, socket: SocketInput | None, until: float) -> bool:
         """Take the messages of one input, up to its bounds.
 
         Args:
             source: The input.
-            share: Its part of the drain's time, in [s].
+            socket: The same, if it is a socket.
+            until: When its part of the drain's time is over, in [s].
 
         Returns:
             Whether the input was found empty.
         """
-        size, until = 0, self._clock.now() + share
+        size = 0
         for _ in range(_MESSAGES_A_DRAIN):
             try:
                 data = source.receive()
@@ -219,26 +221,30 @@ class Edge:
                     return True
                 self.received += 1
                 size += len(data)
-                self._read(data, source)
+                self._read(data, socket)
             except MessageError as error:
+                if error.hides_obstacles:
+                    self._intake.tell_verdict(error)
                 # What a message says of itself may be wrong; its key is not.
-                sender = source.sender if isinstance(source, SocketInput) else None
+                sender = None if socket is None else socket.sender
                 self.faults.add(error.kind, sender or error.source, error.sequence, str(error))
-            if size > BYTE_LIMIT or not self._clock.now() < until:
+            if socket is not None and not socket.is_unread:
+                return True
+            if size > BYTE_LIMIT or not self.times.now() < until:
                 break
-        self.cut_short += 1
         return False
 
-    def _read(self, data: bytes, source: Input) -> None:
+    def _read(self, data: bytes, socket: SocketInput | None) -> None:
         """Take one message if its sender may send it; raise MessageError if not."""
         size, sender, authenticator = len(data), None, None
-        if isinstance(source, SocketInput):
-            sender, authenticator = source.sender, source.authenticator
+        if socket is not None:
+            sender, authenticator = socket.sender, socket.authenticator
         if authenticator is not None:
             self._check_size(size, sender, authenticator)
+        account = None
         is_long = size > _DECODED_AT_ONCE
         if is_long:
-            self._charge_by_header(data, sender, authenticator)
+            account = self._charge_by_header(data, sender, authenticator)
         try:
             message: Any = decode(data)
         except MessageError:
@@ -246,11 +252,26 @@ class Edge:
                 self._charge_by_header(data, sender, authenticator)
             raise
         kind = type(message)
-        if kind in _OF_SOURCES and not is_long:
-            self._charge(message, size, sender, authenticator)
+        handle = self._source_handlers.get(kind)
+        if handle is not None and not is_long:
+            account = self._charge(message, size, sender, authenticator)
         if authenticator is not None:
-            check_sender(message, sender, authenticator, self._intake)
-        self._handlers[kind](message)
+            check_sender(message, sender, authenticator)
+        if handle is None:
+            self._handlers[kind](message)
+            return
+        assert account is not None, "of a message without one, the sender is refused"
+        try:
+            if message.source in self._others:
+                raise MessageError(
+                    "source", f"{message.source!r}, which is an arm", "its joint states alone"
+                )
+            account.numbers.follow(message.seq)
+            handle(message, account)
+        except MessageError as error:
+            error.source, error.sequence = message.source, message.seq
+            error.hides_obstacles = True
+            raise
 
     def _check_size(self, size: int, sender: str | None, authenticator: Authenticator) -> None:
         """Raise LimitError if a message is too long for its sender, whatever it says.
@@ -267,11 +288,12 @@ class Edge:
 
     def _charge_by_header(
         self, data: bytes, sender: str | None, authenticator: Authenticator | None
-    ) -> None:
+    ) -> SourceAccount | None:
         """As `_charge`, for a message that was not decoded; one without a header costs nothing."""
         header = read_header(data)
-        if header is not None and header.type in _TAGS_OF_SOURCES:
-            self._charge(header, len(data), sender, authenticator)
+        if header is None or header.type not in _TAGS_OF_SOURCES:
+            return None
+        return self._charge(header, len(data), sender, authenticator)
 
     def _charge(
         self,
@@ -279,30 +301,17 @@ class Edge:
         size: int,
         sender: str | None,
         authenticator: Authenticator | None,
-    ) -> None:
+    ) -> SourceAccount | None:
         """Raise LimitError if a message takes its source beyond its size or rate.
 
-        With keys that is the source of the sender's key, whatever the message says.
+        Returns:
+            What is kept of its source. With keys that is the source of the sender's key, whatever
+            the message says; None where that may send no obstacles.
         """
-        if authenticator is None:
-            self._accounts.charge(message.source, size, message.seq, message.source)
-        elif sender is not None and authenticator.may(sender, "obstacles"):
-            self._accounts.charge(sender, size, message.seq, message.source)
-
-    def _of_source(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
-        """A handler that first follows the number of a message of a source."""
-
-        def handle(message: SourceMessage) -> None:
-            source = message.source
-            if source in self._others:
-                found, expected = f"{source!r}, which is an arm", "its joint states alone"
-                error = MessageError("source", found, expected, source, message.seq)
-                self._intake.tell_verdict(error)
-                raise error
-            self._accounts.follow(message)
-            take(message)
-
-        return handle
+        payer = message.source if authenticator is None else sender
+        if payer is None or (authenticator and not authenticator.may(payer, "obstacles")):
+            return None
+        return self._accounts.charge(payer, size, message.seq, message.source)
 
     def _of_this_arm(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
         """A handler that leaves what names another arm to the monitor of that arm."""
@@ -329,7 +338,7 @@ class Edge:
                 self.requests.plans.append(self._plans.read(message, self.joints.order))
         elif other is not None:
             other.take_shared_plan(message)
-        elif not arm or arm != self._arms.watched:
+        elif not arm or arm != self._intake.watched:
             # The watched arm's own promise is not for its own monitor, which goes by what it sees.
             known = ", ".join(map(repr, self._others)) or "several arms in the cell"
             error = MessageError("arm", repr(arm) if arm else "missing", f"one of {known}")

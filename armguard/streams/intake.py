@@ -1,25 +1,62 @@
-"""What all handlers of messages work with: the table, where faults are counted, and times."""
+"""What all handlers of messages work with: table, faults, times, names of the arms, numbers."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from armguard.messages.incoming import MessageError
-from armguard.obstacles.obstacles import Obstacles
+from armguard.exceptions import ArmguardError
+from armguard.messages.incoming import (
+    IgnoreMessage,
+    JointsMessage,
+    MessageError,
+    PlanMessage,
+    ResetMessage,
+    WatchMessage,
+)
+from armguard.obstacles.obstacles import ObstacleCountError, Obstacles
 from armguard.streams.faults import FaultLog
 from armguard.streams.stamp_clocks import HELD_UP, StampTimes
 
-_SUMMED_IN_PYTHON = 32
-"""Most numbers whose sum Python finds in less time than NumPy takes to begin."""
+ArmMessage = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage | ResetMessage
+"""Messages that say which arm they are about, where there are several."""
 
-_SUMMED_AT_ONCE = 10_000
-"""Most numbers whose products BLAS sums up in the thread that asks. More it shares out among other
-threads, and where further processes keep the processors busy, the loop would wait for those."""
+
+class SequenceWatch:
+    """Follows the numbers by which one sender counts its messages.
+
+    Args:
+        faults: Where it is counted what was lost, or sent by a second sender.
+        source: Name of the sender.
+    """
+
+    def __init__(self, faults: FaultLog, source: str) -> None:
+        self._faults = faults
+        self._source = source
+        self._last: int | None = None
+        self._left: int | None = None
+
+    def follow(self, sequence: int | None) -> None:
+        """Take the number of the next message; None where the sender does not count."""
+        last = self._last
+        if sequence is not None:
+            self._last = sequence
+        if sequence is None or last is None or sequence == last + 1:
+            return
+        kind, lost, problem = "two publishers", 1, "and both go on; expected one publisher"
+        if self._left is not None and sequence == self._left + 1:
+            self._left = last
+        elif sequence > last:
+            kind, lost = "lost", sequence - last - 1
+            problem = f"{lost} messages lost"
+        else:
+            # The track that was left may be taken up again: then there are two publishers.
+            self._left = last
+            kind, problem = "sequence went back", "a publisher that started anew, or a second one"
+        found = f"seq is {sequence} after {last}: {problem}"
+        self._faults.add(kind, self._source, sequence, found, lost)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,24 +70,29 @@ class Intake:
     times: StampTimes
     """Translates stamps."""
 
-    def count_gaps(
-        self, found: Sequence[tuple[str, int, str]], source: str, sequence: int | None
-    ) -> None:
-        """Count what the number of a message shows to be lost, or sent by a second sender.
+    watched: str = ""
+    """Name of the watched arm; empty where there is one. Messages about it name it so."""
+    others: Collection[str] = ()
+    """Names of the other arms of the cell."""
 
-        Args:
-            found: As `SequenceWatch.follow` tells it.
-            source: Who sent the message.
-            sequence: Its number.
-        """
-        for kind, times, problem in found:
-            self.faults.add(kind, source, sequence, problem, times)
+    def check_arm(self, message: ArmMessage) -> None:
+        """Raise MessageError if a message does not name the watched arm as the cell has it."""
+        if message.arm != self.watched:
+            found = repr(message.arm) if message.arm else "missing"
+            known = ", ".join(map(repr, (self.watched, *self.others)))
+            expected = f"one of {known}" if self.watched else "none: the cell has one arm"
+            raise MessageError("arm", found, expected)
 
     def tell_verdict(self, error: MessageError) -> None:
         """Let the verdict know of a refused message: what it would have told is not known."""
         problem = f"{error.value}; expected {error.expected}"
         now = self.times.drain_start
         self.obstacles.leave_malformed(error.source, error.field, problem, now)
+
+    def count_refused(self, error: ArmguardError, source: str, sequence: int | None) -> None:
+        """Count what the table refused as a whole, which its verdict knows of by itself."""
+        kind = "beyond limit" if isinstance(error, ObstacleCountError) else "refused"
+        self.faults.add(kind, source, sequence, str(error))
 
     def count_hold_up(self, gap: float, source: str, sequence: int | None) -> str:
         """Count that clocks were compared too slowly for a joint state or a plan.
@@ -82,11 +124,9 @@ class Intake:
         """
         usable = True
         for field, values in named.items():
-            if values is None or (type(values) is float and math.isfinite(values)):
+            if values is None:
                 continue
             array = np.asarray(values, float)
-            if is_finite(array):
-                continue
             # Bounds may be infinite: that says that there is none.
             good = ~np.isnan(array) if field in ("accel", "speed") else np.isfinite(array)
             if good.all():
@@ -97,15 +137,3 @@ class Intake:
             self.faults.add("not finite", source, sequence, problem)
             usable = False
         return usable
-
-
-def is_finite(array: NDArray[np.float64]) -> bool:
-    """Whether numbers are surely finite; False where that takes a closer look.
-
-    Their sum, and that of their squares, is finite only if all are, and found in less than half the
-    time.
-    """
-    if array.size <= _SUMMED_IN_PYTHON:
-        flat = array if array.ndim == 1 else array.ravel()
-        return math.isfinite(sum(flat.tolist()))
-    return array.size <= _SUMMED_AT_ONCE and math.isfinite(np.vdot(array, array))

@@ -1,21 +1,25 @@
-"""States of obstacles, and removals: handed to the table in the monitor's time."""
+"""States of obstacles, and removals: handed to the table in the monitor's time.
+
+Where the time of a measurement is not known exactly, the errors of what was measured are widened by
+what a body can do in the time that is left open.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.messages.batch import ObstacleBatch, read_batch
-from armguard.messages.incoming import MessageError, ObstaclesMessage, RemoveMessage
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
 from armguard.streams.intake import Intake
-from armguard.streams.source_accounts import SourceAccounts
-from armguard.streams.stamp_clocks import MONOTONIC, StampClock
-from armguard.streams.widening import widen
+from armguard.streams.source_accounts import SourceAccount
 
-_NUMBERS = ObstacleBatch._fields[1:9]
-"""Fields of a batch that are numbers."""
+_NUMBERS = ObstacleBatch._fields[2:9]
+"""Fields of a batch that are numbers, but for its stamp."""
 
 
 class ObstacleIntake:
@@ -23,58 +27,94 @@ class ObstacleIntake:
 
     Args:
         intake: The table, where faults are counted, and times.
-        accounts: What sources may send.
-        clocks: How sources stamp; those not named here, with the monotonic clock.
         accel: Bound of obstacles that bring none and that no pattern of the table's fits, in
             [m/s²]; for sources without a clock.
         speed: Alike, in [m/s].
     """
 
-    def __init__(
-        self,
-        intake: Intake,
-        accounts: SourceAccounts,
-        clocks: Mapping[str, StampClock],
-        accel: float = math.inf,
-        speed: float = math.inf,
-    ) -> None:
+    def __init__(self, intake: Intake, accel: float = math.inf, speed: float = math.inf) -> None:
         self._intake = intake
-        self._accounts = accounts
-        self._clocks = clocks
         self._bounds = accel, speed
 
-    def take(self, message: ObstaclesMessage) -> None:
-        """Tell the table of obstacles; what cannot be used is counted."""
-        intake, source, sequence = self._intake, message.source, message.seq
-        self._accounts.check_obstacles(message)
-        clock = self._clocks.get(source, MONOTONIC)
-        stamp, gap = intake.times.translate(message.stamp, clock)
-        counted = False
-        try:
-            fields: dict[str, Any] = read_batch(message)._asdict()
-            intake.check_finite(source, sequence, {name: fields[name] for name in _NUMBERS})
-            window = clock.error + gap
-            if window > 0.0:
-                known = intake.obstacles.bounds.find(message.ids, *self._bounds)
-                widen(fields, window, *known)
-        except MessageError as error:
-            # Handed on as it came: the table refuses it too, and so the verdict knows of it.
-            fields = {name: getattr(message, name) for name in ObstacleBatch._fields}
-            intake.faults.add("malformed", source, sequence, str(error))
-            counted = True
-        fields["stamp"] = stamp
-        try:
-            intake.obstacles.update(**fields)
-        except ArmguardError as error:
-            if not counted:
-                intake.faults.add("refused", source, sequence, str(error))
+    def take(self, message: ObstaclesMessage, account: SourceAccount) -> None:
+        """Tell the table of obstacles; what the table cannot use is counted.
 
-    def take_removal(self, message: RemoveMessage) -> None:
+        Raises:
+            MessageError: It has more or fewer numbers than its ids ask for.
+        """
+        intake = self._intake
+        stamp, gap = intake.times.translate(message.stamp, account.clock)
+        batch = read_batch(message, stamp)
+        window = account.clock.error + gap
+        if window > 0.0:
+            batch = self._widen(batch, window)
+        try:
+            is_as_told = intake.obstacles.take(batch, account.limits.obstacles)
+        except ArmguardError as error:
+            intake.count_refused(error, batch.source, message.seq)
+            is_as_told = False
+        if not is_as_told:
+            told = {name: getattr(batch, name) for name in _NUMBERS} | {"stamp": message.stamp}
+            intake.check_finite(batch.source, message.seq, told)
+
+    def take_removal(self, message: RemoveMessage, account: SourceAccount) -> None:
         """Tell the table what has gone; what cannot be used is counted."""
         intake, source = self._intake, message.source
         # A removal that looks older than it is removes less.
-        stamp, _ = intake.times.translate(message.stamp, self._clocks.get(source, MONOTONIC))
+        stamp, _ = intake.times.translate(message.stamp, account.clock)
         try:
             intake.obstacles.remove(message.ids, stamp=stamp, source=source)
         except ArmguardError as error:
-            intake.faults.add("refused", source, message.seq, str(error))
+            intake.count_refused(error, source, message.seq)
+
+    def _widen(self, batch: ObstacleBatch, window: float) -> ObstacleBatch:
+        """The batch with errors for a stamp that may be off by `window` [s]."""
+        accel, speed = self._intake.obstacles.bounds.find(batch.ids, *self._bounds)
+        position_error, velocity_error = widen(
+            window,
+            accel if batch.accel is None else batch.accel,
+            speed if batch.speed is None else batch.speed,
+            batch.velocity,
+            batch.position_error,
+            batch.velocity_error,
+        )
+        return batch._replace(position_error=position_error, velocity_error=velocity_error)
+
+
+def widen(
+    window: float,
+    accel: ArrayLike,
+    speed: ArrayLike,
+    velocity: NDArray[np.float64] | None,
+    position_error: ArrayLike,
+    velocity_error: ArrayLike,
+) -> tuple[Any, ...]:
+    """Errors of positions and velocities with what a body can do between stamp and measurement.
+
+    Args:
+        window: Between stamp and measurement, in [s] at most.
+        accel: Bound on acceleration, in [m/s²]. Shape () or (n,).
+        speed: Bound on speed, in [m/s]. Shape () or (n,).
+        velocity: As measured, in [m/s]; None: it was not. Shape (n, 3) or (n, k, 3).
+        position_error: As told, in [m]. Shape () or (n,).
+        velocity_error: As told, in [m/s]. Shape () or (n,).
+    """
+    accel, speed = np.asarray(accel), np.asarray(speed)
+    position_error, velocity_error = np.asarray(position_error), np.asarray(velocity_error)
+    is_broken: Any = False
+    if velocity is not None:
+        fastest = np.linalg.norm(velocity, axis=-1)
+        fastest = fastest.max(axis=-1) if fastest.ndim > 1 else fastest
+        # Without a bound on speed it is as fast as it was measured, and what it gains.
+        gained = fastest + velocity_error + np.where(accel < math.inf, accel, 0.0) * window
+        speed = np.where((speed == math.inf) & (accel < math.inf), gained, speed)
+        # A speed that breaks its bound must not pass because of the wider error.
+        is_broken = fastest - velocity_error > speed  # NaN is for the table to refuse
+        speed = np.where(is_broken, fastest + velocity_error, speed)
+    with np.errstate(invalid="ignore"):
+        # What is negative stays so, for the table to refuse.
+        wider = np.where(position_error < 0.0, position_error, position_error + speed * window)
+        # Without a bound on acceleration velocities do not matter, however well known.
+        is_wider = ~np.asarray(is_broken) & (velocity_error >= 0.0) & (accel < math.inf)
+        faster = np.where(is_wider, velocity_error + accel * window, velocity_error)
+    return tuple(error if error.ndim else error.item() for error in (wider, faster))

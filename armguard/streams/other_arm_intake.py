@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.messages.incoming import JointsMessage, MessageError, PlanMessage
-from armguard.streams.intake import Intake
-from armguard.streams.joint_order import JointOrder
-from armguard.streams.plan_intake import PlanReader
-from armguard.streams.requests import PlanRequest
-from armguard.streams.sequence_watch import SequenceWatch
+from armguard.streams.intake import Intake, SequenceWatch
+from armguard.streams.joint_intake import JointOrder
+from armguard.streams.requests import PlanReader, PlanRequest
 from armguard.streams.stamp_clocks import HELD_UP, StampClock
 
 
@@ -52,13 +50,12 @@ class OtherArmIntake:
         self._clock_difference = clock.error + HELD_UP
         self._plans = plans
         self._order = JointOrder(arm.joints)
-        self._watch = SequenceWatch()
+        self._numbers = SequenceWatch(intake.faults, name)
 
     def take_joints(self, message: JointsMessage) -> None:
         """Tell the table a joint state; what cannot be used is counted."""
         intake, name, sequence = self._intake, self._name, message.seq
-        if faults := self._watch.follow(sequence):
-            intake.count_gaps(faults, name, sequence)
+        self._numbers.follow(sequence)
         try:
             q, v = self._order.read(message)
         except MessageError as error:
@@ -88,7 +85,7 @@ class OtherArmIntake:
         try:
             self._arm.publish(stamp, q, v)
         except ArmguardError as error:
-            intake.faults.add("refused", name, None, str(error))
+            intake.count_refused(error, name, None)
 
     def take_shared_plan(self, message: PlanMessage) -> None:
         """Hand on what the arm promises; what cannot be taken narrows nothing, and is said."""

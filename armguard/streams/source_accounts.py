@@ -1,5 +1,9 @@
 """What each source of obstacles has sent, held against its limits.
 
+No source can take the loop's time or the table's room. What goes beyond a limit is refused as a
+whole, counted with source and limit, and a STOP while it lasts: obstacles that were not taken in
+may be anywhere.
+
 A short message is decoded first, and then charged to its source. A long one is charged first, by
 its header alone, and then decoded. So a message that is refused costs little, however long it is.
 What is too long for a client whose key lets it send obstacles alone is refused unread.
@@ -10,16 +14,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from armguard.messages.incoming import (
-    CloudMessage,
-    MessageError,
-    ObstaclesMessage,
-    RemoveMessage,
-    count_points,
-)
-from armguard.streams.intake import Intake
-from armguard.streams.limits import LimitError, MessageAllowance, SourceCountError, SourceLimits
-from armguard.streams.sequence_watch import SequenceWatch
+from armguard.messages.incoming import CloudMessage, MessageError, ObstaclesMessage, RemoveMessage
+from armguard.streams.inputs import BYTE_LIMIT
+from armguard.streams.intake import Intake, SequenceWatch
+from armguard.streams.stamp_clocks import MONOTONIC, StampClock
 
 SourceMessage = ObstaclesMessage | CloudMessage | RemoveMessage
 """Messages that say whose they are."""
@@ -27,15 +25,73 @@ SourceMessage = ObstaclesMessage | CloudMessage | RemoveMessage
 _SOURCES = 256
 """Most sources known at once, so that made-up names cannot fill the memory."""
 
+
+class SourceLimits(NamedTuple):
+    """What one source may send at most."""
+
+    message_size: int = BYTE_LIMIT
+    """Of one message, in bytes; at most `BYTE_LIMIT`."""
+    message_rate: float = 10_000.0
+    """Messages in one second; so many may also come at once, as after a hold-up."""
+    obstacles: int = 20_000
+    """Obstacles in the table; voxels are obstacles, too. What would add some beyond is refused. By
+    default as many as a usual cloud of a depth camera has points, so that it fits by itself."""
+    points: int = 50_000
+    """Points of one cloud."""
+
+
 _USUAL_LIMITS = SourceLimits()
 
 
-class _Account(NamedTuple):
-    """What is kept of each source that has sent."""
+class LimitError(MessageError):
+    """A message by which its source goes beyond a limit."""
 
-    watch: SequenceWatch
-    allowance: MessageAllowance
-    limits: SourceLimits
+    kind = "beyond limit"
+    hides_obstacles = True
+
+
+class SourceCountError(LimitError):
+    """A message of a source that is one more than there can be."""
+
+    kind = "too many sources"
+
+
+class SourceAccount:
+    """What is kept of a source that has sent.
+
+    How many messages it may send now is a bucket that fills at its rate, for one second.
+
+    Args:
+        limits: How much it may send.
+        clock: How it stamps.
+        numbers: Follows the numbers of its messages.
+        now: The present, in [s].
+
+    Attributes:
+        limits: As above.
+        clock: As above.
+        numbers: As above.
+    """
+
+    def __init__(
+        self, limits: SourceLimits, clock: StampClock, numbers: SequenceWatch, now: float
+    ) -> None:
+        self.limits = limits
+        self.clock = clock
+        self.numbers = numbers
+        self._left = self._most = max(1.0, limits.message_rate)
+        self._filled = now
+
+    def allows_message(self, now: float) -> bool:
+        """Whether one more message may come at `now` [s]; if so it is counted."""
+        # A clock that goes back fills nothing, and one that jumps ahead no more than there is room.
+        filling = self.limits.message_rate * max(0.0, now - self._filled)
+        self._left = min(self._most, self._left + filling)
+        self._filled = now
+        if not self._left >= 1.0:
+            return False
+        self._left -= 1.0
+        return True
 
 
 class SourceAccounts:
@@ -44,18 +100,27 @@ class SourceAccounts:
     Args:
         intake: The table, where faults are counted, and times.
         limits: By source; those not named here, as `SourceLimits` has it.
+        clocks: How sources stamp; those not named here, with the monotonic clock.
     """
 
-    def __init__(self, intake: Intake, limits: Mapping[str, SourceLimits]) -> None:
+    def __init__(
+        self,
+        intake: Intake,
+        limits: Mapping[str, SourceLimits],
+        clocks: Mapping[str, StampClock],
+    ) -> None:
         self._intake = intake
-        self._limits = dict(limits)
-        self._accounts: dict[str, _Account] = {}
+        self._limits = limits
+        self._clocks = clocks
+        self._accounts: dict[str, SourceAccount] = {}
 
     def limits_of(self, source: str) -> SourceLimits:
         """How much a source may send."""
         return self._limits.get(source, _USUAL_LIMITS)
 
-    def charge(self, payer: str, size: int, sequence: int | None, named: str | None = None) -> None:
+    def charge(
+        self, payer: str, size: int, sequence: int | None, named: str | None = None
+    ) -> SourceAccount:
         """Charge a message to the source that sent it.
 
         Args:
@@ -64,76 +129,35 @@ class SourceAccounts:
             sequence: Number of the message, where it has one.
             named: Source that the message names, if it was read.
 
+        Returns:
+            What is kept of the source.
+
         Raises:
-            LimitError: It takes the source beyond its size or rate.
-            SourceCountError: The source is one more than there can be.
+            LimitError: It takes the source beyond its size or rate, or the source is one more than
+                there can be.
         """
-        account = self._find(payer, sequence)
+        now = self._intake.times.drain_start
+        account = self._accounts.get(payer)
+        if account is None:
+            if len(self._accounts) >= _SOURCES:
+                expected = f"at most {_SOURCES} sources"
+                raise SourceCountError("source", "refused", expected, payer, sequence)
+            account = self._accounts[payer] = SourceAccount(
+                self.limits_of(payer),
+                self._clocks.get(payer, MONOTONIC),
+                SequenceWatch(self._intake.faults, payer),
+                now,
+            )
         limits = account.limits
-        if not account.allowance.take(self._intake.times.drain_start):
+        if not account.allows_message(now):
             found = "one more than a second may bring"
             expected = f"max_message_rate, {limits.message_rate:g} a second at most"
         elif size > limits.message_size:
             found = f"{size} bytes long"
             expected = f"max_message_size, {limits.message_size} at most"
         else:
-            return
+            return account
         if named == payer:
             # It was refused, and is not lost.
-            self._follow(account, payer, sequence)
-        raise self._refuse(LimitError("message", found, expected, payer, sequence))
-
-    def follow(self, message: SourceMessage) -> None:
-        """Follow the number of a message, and count what was lost before it."""
-        self._follow(self._find(message.source, message.seq), message.source, message.seq)
-
-    def check_obstacles(self, message: ObstaclesMessage) -> None:
-        """Raise LimitError if a message takes its source beyond its number of obstacles."""
-        most = self.limits_of(message.source).obstacles
-        obstacles, count = self._intake.obstacles, len(message.ids)
-        if not message.snapshot:
-            count += obstacles.count_of(message.source)
-            if count > most:
-                # Those that the table has already are looked up only where that decides.
-                count = obstacles.count_of(message.source, message.ids)
-        if count > most:
-            found = f"one by which {message.source!r} has {count} obstacles"
-            raise self._refuse_message(message, found, f"max_obstacles, {most} at most")
-
-    def check_cloud(self, message: CloudMessage, *, are_taken: bool) -> None:
-        """Raise LimitError if a cloud has too many points, or none is taken here.
-
-        How many voxels it makes is not known yet: the table counts them before it takes any.
-        """
-        most, points = self.limits_of(message.source).points, count_points(message.points)
-        if not are_taken:
-            expected = "obstacles: [clouds] in the cell file lets clouds be taken"
-            raise self._refuse_message(message, "a cloud", expected)
-        if points > most:
-            expected = f"max_points, {most} at most"
-            raise self._refuse_message(message, f"one of {points} points", expected)
-
-    def _follow(self, account: _Account, source: str, sequence: int | None) -> None:
-        if faults := account.watch.follow(sequence):
-            self._intake.count_gaps(faults, source, sequence)
-
-    def _find(self, source: str, sequence: int | None) -> _Account:
-        """What is kept of a source; raises SourceCountError for one too many."""
-        account = self._accounts.get(source)
-        if account is None:
-            if len(self._accounts) >= _SOURCES:
-                raise SourceCountError(
-                    "source", "refused", f"at most {_SOURCES} sources", source, sequence
-                )
-            limits = self.limits_of(source)
-            allowance = MessageAllowance(limits.message_rate, self._intake.times.drain_start)
-            account = self._accounts[source] = _Account(SequenceWatch(), allowance, limits)
-        return account
-
-    def _refuse_message(self, message: SourceMessage, found: str, expected: str) -> MessageError:
-        return self._refuse(LimitError("message", found, expected, message.source, message.seq))
-
-    def _refuse(self, error: MessageError) -> MessageError:
-        """Let the verdict know of what is refused."""
-        self._intake.tell_verdict(error)
-        return error
+            account.numbers.follow(sequence)
+        raise LimitError("message", found, expected, payer, sequence)

@@ -25,7 +25,7 @@ def test_a_batch_is_told_as_it_was_read_before_it_is_judged(table):
     table.update(("a", "b"), 2, position, radius=0.1, speed=1.5, source="camera")
     ((name, (batch,), _),) = table.journal.told
     assert name == "note_update"
-    assert batch.position[:, 0].tobytes() == position.tobytes()
+    assert batch.position.tobytes() == position.tobytes()
     assert batch._replace(position=None) == ObstacleBatch(
         ["a", "b"], 2.0, None, None, 0.1, None, 1.5, 0.0, 0.0, "camera", "world", False
     )

@@ -18,7 +18,8 @@ def make_rule(rise_delay=HOLD):
 
 
 def decide(rule, now, contact_time, stop_time=1.0, *, complete=True, standing=False):
-    return rule.decide(now, contact_time, stop_time, complete=complete, standing=standing)
+    earned = rule.grade(contact_time, stop_time)
+    return rule.decide(now, earned, complete=complete, standing=standing)
 
 
 def latch(rule, reason, since="0.000 s"):
@@ -207,16 +208,10 @@ def test_an_arm_that_rests_in_time_need_not_stop_and_gains_nothing_else(
     without = rule.grade(contact_time, stop_time)
     rests = rule.grade(contact_time, stop_time, rests=True)
     assert rests is (Level.SLOW if without is Level.STOP else without)
-    faulty = make_rule().decide(
-        now, contact_time, stop_time, complete=True, standing=True, rests=True
-    )
-    assert faulty == (Level.STOP, False)
-    assert make_rule().decide(
-        now, contact_time, stop_time, complete=False, standing=False, rests=True
-    ) == (Level.STOP, False)
-    assert make_rule().decide(
-        now, contact_time, stop_time, complete=True, standing=False, rests=True
-    ) == (rests, False)
+    stop = Level.STOP, False
+    assert make_rule().decide(now, rests, complete=True, standing=True) == stop
+    assert make_rule().decide(now, rests, complete=False, standing=False) == stop
+    assert make_rule().decide(now, rests, complete=True, standing=False) == (rests, False)
 
 
 def test_a_held_level_keeps_what_began_it_and_says_when_it_may_rise():
@@ -228,7 +223,8 @@ def test_a_held_level_keeps_what_began_it_and_says_when_it_may_rise():
 
     def go(now, contact_time, *reasons, standing=False):
         level, held = decide(rule, now, contact_time, standing=standing)
-        rule.keep_cause(now, contact_time, 1.0, reasons)
+        if rule.begins:
+            rule.keep_cause(now, contact_time, 1.0, reasons)
         return rule.find_cause(level) if held else None
 
     assert go(10.0, 9.0) is None

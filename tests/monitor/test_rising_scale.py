@@ -34,8 +34,7 @@ def test_a_scale_falls_at_once_and_rises_no_faster_than_it_may(wanted, rise):
         most = rising.find_most(now)
         assert before <= most <= 1.0
         assert most <= before + rise * passed * (1.0 + 1e-9) + 1e-12 or now == passed
-        said = rising.give(now, min(proved, most))
-        assert said == min(proved, most)
+        assert rising.follow(now, proved) == rising.given == min(proved, most)
 
 
 def test_a_scale_that_fell_does_not_rise_to_where_it_was_for_a_while():

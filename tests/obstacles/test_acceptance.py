@@ -130,6 +130,15 @@ def test_another_track_is_believed_after_five_samples_that_agree():
     assert not obstacles.table.refused[row]
 
 
+def test_another_shape_is_another_track():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    for i in range(1, 6):
+        obstacles.update(["a"], 0.01 * i, np.zeros((1, 2, 3)), radius=0.1)
+    assert kinds(obstacles) == [FaultKind.SHAPE_CHANGED] * 4 + [FaultKind.TRACK_CHANGED]
+    assert obstacles.table.point_count[row] == 2
+
+
 def test_samples_that_do_not_agree_never_make_a_track():
     obstacles = Obstacles()
     row = see(obstacles, 0.0)
@@ -162,15 +171,6 @@ def test_a_larger_body_or_wider_bounds_are_news_not_implausible():
     assert not obstacles.take_faults()
 
 
-def test_another_shape_is_another_track():
-    obstacles = Obstacles()
-    row = see(obstacles, 0.0)
-    for i in range(1, 6):
-        obstacles.update(["a"], 0.01 * i, np.zeros((1, 2, 3)), radius=0.1)
-    assert kinds(obstacles) == [FaultKind.SHAPE_CHANGED] * 4 + [FaultKind.TRACK_CHANGED]
-    assert obstacles.table.point_count[row] == 2
-
-
 def test_late_messages_that_agree_are_ignored_and_counted():
     obstacles = Obstacles()
     row = see(obstacles, 1.0)
@@ -197,21 +197,6 @@ def test_a_stamp_far_ahead_does_not_lock_a_row():
     see(obstacles, 0.02, x=3.0)
     obstacles.forget_refused(0.33, 0.3)
     assert not obstacles.table.refused[row]
-
-
-def test_late_messages_never_roll_an_obstacle_back():
-    """Five messages in their own order, exactly on the accepted track, with an older radius."""
-    obstacles = Obstacles()
-    row = see(obstacles, 0.40, radius=0.05)
-    see(obstacles, 0.49, radius=0.8, accel=20.0, position_error=0.1)
-    table = obstacles.table
-    for k in range(5):
-        see(obstacles, 0.431 + 0.01 * k, radius=0.05)
-        assert (table.stamp[row], table.radius[row]) == (0.49, 0.8)
-        assert (table.accel[row], table.position_error[row]) == (20.0, 0.1)
-    assert obstacles.late_count == 5
-    assert not table.refused[row]
-    assert not obstacles.take_faults()
 
 
 @pytest.mark.parametrize("period", [0.01, 0.002])
@@ -326,16 +311,6 @@ def test_other_units_than_metres_are_refused_and_the_body_could_be_anywhere(
     assert not obstacles.take_faults()
 
 
-def test_duplicates_between_new_messages_never_turn_a_row_back():
-    obstacles = Obstacles()
-    for i in range(100):
-        row = see(obstacles, 0.01 * i)
-        see(obstacles, 0.01 * (i - 7))
-        assert obstacles.table.stamp[row] == 0.01 * i
-    assert not obstacles.take_faults()
-    assert obstacles.late_count == 100
-
-
 def test_of_two_descriptions_with_one_stamp_the_larger_stands():
     obstacles = Obstacles()
     row = see(obstacles, 1.0)
@@ -361,38 +336,6 @@ def test_late_messages_do_not_hide_a_track_that_is_about_to_be_believed():
         see(obstacles, 1.0 + 0.01 * i, x=1.0)
     assert obstacles.table.points[row, 0, 0] == 1.0
     assert kinds(obstacles) == [FaultKind.BEYOND_ACCEL] * 4 + [FaultKind.TRACK_CHANGED]
-
-
-def test_feasible_motions_with_errors_are_never_refused():
-    rng = np.random.default_rng(7)
-    count, accel, speed = 30, 10.0, 2.0
-    position_error, velocity_error = 0.01, 0.1
-    obstacles = Obstacles(accel=accel, speed=speed)
-    names = [f"n{i}" for i in range(count)]
-    position, velocity = rng.normal(size=(count, 3)), np.zeros((count, 3))
-    stamp = 50.0
-    for step in range(500):
-        noise = [rng.normal(size=(count, 3)) for _ in range(2)]
-        noise = [e / np.linalg.norm(e, axis=1, keepdims=True) * (1 - 1e-9) for e in noise]
-        obstacles.update(
-            names,
-            stamp,
-            position + noise[0] * position_error,
-            velocity + noise[1] * velocity_error if step % 3 else None,
-            radius=0.1,
-            position_error=position_error,
-            velocity_error=velocity_error,
-        )
-        assert not obstacles.table.refused.any()
-        h = rng.choice([0.001, 0.01, 0.05])
-        push = rng.normal(size=(count, 3))
-        push *= accel / np.linalg.norm(push, axis=1, keepdims=True) * (1 - 1e-9)
-        after = velocity + push * h
-        push[np.linalg.norm(after, axis=1) > speed] = 0.0
-        position = position + velocity * h + push * h * h / 2
-        velocity = velocity + push * h
-        stamp += h
-    assert obstacles.take_faults() == []
 
 
 def test_jumps_beyond_bounds_and_errors_are_always_refused():
@@ -469,35 +412,6 @@ def test_bounds_that_others_broke_or_said_before_do_not_count():
     obstacles.remove(["a"])
     row = see(obstacles, 0.02)
     assert obstacles.table.accel[row] == 10.0
-
-
-def drain(table):
-    rows = table.changed[: table.changed_count[0]].tolist()
-    clear_changed_rows(table.changed_rows)
-    return rows
-
-
-def test_news_are_rows_whose_states_or_refused_samples_changed():
-    obstacles = Obstacles()
-    a, b = see(obstacles, 1.0, id="a"), see(obstacles, 1.0, id="b")
-    table = obstacles.table
-    assert drain(table) == [a, b]
-    see(obstacles, 1.01, id="b")
-    see(obstacles, 1.02, id="b")
-    assert drain(table) == [b]
-    obstacles.update(["a", "b"], 1.03, [[0.0, 0, 0], [math.nan, 0, 0]], radius=0.1)
-    assert sorted(drain(table)) == [a, b]
-    see(obstacles, 1.02, id="a")
-    see(obstacles, 1.03, id="a")
-    assert drain(table) == []
-    see(obstacles, 1.03, id="a", radius=0.3)
-    assert drain(table) == [a]
-    assert drain(table) == []
-    other = see(obstacles, 1.04, id="a", source="other")
-    assert drain(table) == [other]
-    for i in range(5):
-        see(obstacles, 1.05 + 0.01 * i, x=1.0, id="a")
-        assert drain(table) == [a]
 
 
 def test_rows_that_are_no_news_are_as_they_were():

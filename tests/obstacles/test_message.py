@@ -257,12 +257,11 @@ def test_memory_fits_whatever_comes_and_is_not_taken_anew():
     memory = MessageMemory([FRAMES["camera"]])
     rng = np.random.default_rng(0)
     before = memory.handle
-    for count, points_each in [(3, 1), (LEAST_ROOM, 1), (0, 1), (1, 1)]:
-        memory.fit(count, points_each)
+    for count in (3, LEAST_ROOM, 0, 1):
+        memory.take_points(np.zeros((count, 3)), None)
         assert memory.handle is before
     for shape in [(5, 8, 3), (200, 3), (150, 2, 3), (7, 3), (1000, 8, 3), (2, 1, 3)]:
         points, velocities = rng.normal(size=(2, *shape))
-        memory.fit(shape[0], 1 if len(shape) == 2 else shape[1])
         memory.take_points(points, velocities)
         count, points_each = shape[0], memory.points_each
         found = memory.data.points[:count, :points_each].reshape(shape)
@@ -270,15 +269,14 @@ def test_memory_fits_whatever_comes_and_is_not_taken_anew():
         assert (memory.data.velocities[:count, :points_each].reshape(shape) == velocities).all()
         assert all(len(field) >= count for field in (*memory.fields, memory.data.codes))
     room = memory.data.points.shape
-    memory.fit(room[0], room[1])
+    memory.take_points(np.zeros(room), None)
     assert memory.data.points.shape == room
 
 
 def test_a_copy_has_memory_of_its_own():
     memory = MessageMemory([FRAMES["camera"]])
-    memory.fit(2, 1)
+    memory.take_points(np.zeros((2, 3)), None)
     copied = pickle.loads(pickle.dumps(memory))
-    copied.fit(2, 1)
     memory.take_points(np.ones((2, 3)), None)
     assert (memory.data.points[:2] == 1.0).all()
     assert not copied.data.points.any()

@@ -9,16 +9,6 @@ from armguard.obstacles.table import MOST_REFUSED, ObstacleTable
 from support.obstacle_samples import check_invariants, refused, see
 
 
-def test_boxes_and_capsules_keep_their_points():
-    obstacles = Obstacles()
-    points = np.arange(24.0).reshape(1, 8, 3)
-    obstacles.update(["box"], 0.0, points, radius=0.0)
-    obstacles.update(["capsule"], 0.0, points[:, :2], np.ones((1, 2, 3)), radius=0.0)
-    table = obstacles.table
-    assert np.array_equal(table.points[obstacles.row("box")], points[0])
-    assert table.point_count[[obstacles.row("box"), obstacles.row("capsule")]].tolist() == [8, 2]
-
-
 def test_the_table_grows_and_keeps_what_it_knows():
     obstacles = Obstacles()
     see(obstacles, 0.0, x=3.0, id="first")
@@ -58,14 +48,6 @@ def test_distrust_turns_the_state_into_a_refused_sample():
     assert not len(obstacles.rows_ahead(10.0, 0.2))
 
 
-def test_a_hundred_thousand_obstacles_find_room():
-    obstacles = Obstacles()
-    names = [f"part{i}" for i in range(100_000)]
-    obstacles.update(names, 0.0, np.zeros((len(names), 3)), radius=0.01)
-    assert len(obstacles) == 100_000
-    assert obstacles.take_faults() == []
-
-
 def test_a_row_that_is_taken_again_has_nothing_of_the_one_before():
     table = ObstacleTable(4)
     row = table.take_row(3)
@@ -88,16 +70,6 @@ def test_rows_are_given_out_once_and_in_order_until_there_are_no_more(monkeypatc
     assert [table.take_row(0) for _ in range(17)] == [*range(16), -1]
     table.free_row(7)
     assert table.take_row(0) == 7
-
-
-def test_arrays_are_those_of_the_groups_after_growth():
-    table = ObstacleTable(2)
-    for _ in range(3):
-        table.take_row(0)
-    assert table.points is table.accepted.points
-    assert table.alive is table.marks.alive
-    assert len(table.refused_states.stamp) == len(table.refusals.until) == 4 * MOST_REFUSED
-    assert len(table.spreads.last_stamp) == len(table.candidates.stamp) == 4
 
 
 def test_what_stands_still_is_not_distrusted():
@@ -189,20 +161,6 @@ def test_points_have_as_much_room_as_the_scene_requires():
         assert table.refused_states.point_count[place] == 1
         check_invariants(obstacles)
     assert widths == [1, 2, 4, 4, 8, 8, 8]
-
-
-def test_room_for_points_is_made_for_refused_samples_and_statics_too():
-    obstacles = Obstacles()
-    row = see(obstacles, 0.0)
-    obstacles.update(["a"], 0.01, np.ones((1, 2, 3)), radius=0.1)
-    table = obstacles.table
-    aside, place = table.refused_states, row * MOST_REFUSED
-    assert (table.point_count[row], aside.point_count[place]) == (1, 2)
-    assert aside.points[place].tolist() == np.ones((2, 3)).tolist()
-    obstacles.distrust(row)
-    assert aside.point_count[place : place + 2].tolist() == [2, 1]
-    obstacles.add_static("box", np.ones((8, 3)), 0.0)
-    assert (table.points[obstacles.row("box")] == 1.0).all()
 
 
 def test_a_track_about_to_be_believed_survives_a_larger_table():

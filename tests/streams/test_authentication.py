@@ -8,6 +8,7 @@ import zmq
 
 from armguard.clock import MonotonicClock
 from armguard.exceptions import StreamError
+from armguard.messages.incoming import decode
 from armguard.obstacles import Obstacles, Source
 from armguard.streams import (
     Edge,
@@ -18,10 +19,12 @@ from armguard.streams import (
     VerdictPublisher,
     VerdictReader,
 )
+from armguard.streams.authentication import SenderError, check_sender
 from armguard.streams.edge import EdgeSettings
 from armguard.streams.other_arm_intake import OtherArm
 from armguard.verdict import Level
 from support.key_rings import KeyRing
+from support.stream_messages import joints, obstacles, pack, plan
 from support.stream_sockets import PATIENCE
 from support.verdict_samples import verdict
 
@@ -280,3 +283,62 @@ def test_strangers_without_end_cost_a_tick_a_few_answers(ring, monkeypatch):
         for stranger in strangers:
             stranger.close()
         context.term()
+
+
+RESET = {"type": "reset", "token": "sesame"}
+REMOVE = {"type": "remove", "ids": ["a"], "stamp": 1005.0, "source": "cam0"}
+
+
+class Rights:
+    """What clients may do, as a test has it."""
+
+    def __init__(self, rights, arms=()):
+        self._rights, self._arms = rights, arms
+
+    def may(self, name, right):
+        return right in self._rights.get(name, ())
+
+    def may_speak_for(self, name, arm):
+        return not arm or arm in self._arms
+
+
+def check(message, sender, rights):
+    check_sender(decode(pack(message)), sender, rights)
+
+
+@pytest.mark.parametrize(
+    ("message", "right"),
+    [
+        (obstacles(), "obstacles"),
+        (REMOVE, "obstacles"),
+        (joints(), "joints"),
+        (plan(), "joints"),
+        ({"type": "watch", "number": 7}, "joints"),
+        (RESET, "reset"),
+    ],
+)
+def test_each_message_needs_the_right_for_its_type(message, right):
+    check(message, "cam0", Rights({"cam0": [right]}))
+    others = {"obstacles", "joints", "reset", "verdicts", "view"} - {right}
+    with pytest.raises(SenderError, match=f"may not send {right}"):
+        check(message, "cam0", Rights({"cam0": others}))
+    with pytest.raises(SenderError, match="may not send"):
+        check(message, None, Rights({"cam0": [right]}))
+
+
+def test_obstacles_in_the_name_of_another_are_refused_and_the_verdict_must_know():
+    expected = "'cam0' in a message with the key of 'lidar'"
+    with pytest.raises(SenderError, match=expected) as caught:
+        check(obstacles(), "lidar", Rights({"lidar": ["obstacles"]}))
+    assert caught.value.hides_obstacles
+    with pytest.raises(SenderError) as caught:
+        check(joints(), "lidar", Rights({"lidar": ["obstacles"]}))
+    assert not caught.value.hides_obstacles
+
+
+def test_a_client_speaks_for_its_arms_and_resets_by_right():
+    rights = Rights({"plc": ["joints", "reset"]}, arms=["left"])
+    check(joints(arm="left"), "plc", rights)
+    check(RESET | {"arm": "right"}, "plc", rights)
+    with pytest.raises(SenderError, match="one of the arms of 'plc'"):
+        check(joints(arm="right"), "plc", rights)

@@ -1,7 +1,11 @@
 import msgspec
+import numpy as np
+import pytest
 
 from armguard.messages.incoming import decode, to_points
 from armguard.streams import SourceLimits
+from armguard.streams.source_accounts import SourceAccount
+from armguard.streams.stamp_clocks import MONOTONIC
 from support.stream_messages import (
     World,
     obstacles,
@@ -149,3 +153,30 @@ def test_more_sources_than_anybody_has_are_refused():
         world.send(obstacles(source=f"made up {number}", ids=[f"id {number}"], seq=...))
     assert world.faults.count("too many sources") == 144
     assert len(world.obstacles) == 256
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 7.0, 1000.0])
+def test_an_allowance_keeps_to_its_rate_however_calls_are_spread(rate):
+    """In any stretch of time T it grants no more than one second's worth, and rate times T."""
+    random = np.random.default_rng(7)
+    account, now, granted = (
+        SourceAccount(SourceLimits(message_rate=rate), MONOTONIC, None, 0.0),
+        0.0,
+        [],
+    )
+    for _ in range(20_000):
+        now += random.exponential(0.3 / rate)
+        if account.allows_message(now):
+            granted.append(now)
+    times = np.array(granted)
+    for k in (1, 5, 50, 500):
+        assert (times[k:] - times[:-k] >= (k - max(1.0, rate)) / rate - 1e-6).all()
+    # And it grants most of what there is room for: what comes while it is full is lost.
+    assert len(times) >= 0.7 * rate * now
+
+
+@pytest.mark.parametrize("jumps", [[-1e9, 1e9], [1e300, -1e300], [0.0, 0.0]])
+def test_no_jump_of_a_clock_grants_more(jumps):
+    account = SourceAccount(SourceLimits(message_rate=2.0), MONOTONIC, None, 0.0)
+    for now in jumps:
+        assert sum(account.allows_message(now) for _ in range(10)) <= 2

@@ -55,7 +55,7 @@ from armguard.settings.settings import Settings
 from armguard.streams.authentication import Authenticator, Client
 from armguard.streams.cloud_intake import OwnPoints
 from armguard.streams.keys import KeyPair
-from armguard.streams.limits import SourceLimits
+from armguard.streams.source_accounts import SourceLimits
 from armguard.streams.stamp_clocks import HELD_UP
 
 if TYPE_CHECKING:

@@ -53,7 +53,7 @@ class PlanCheck:
         self._robot = robot
         self._has_brakes = brakes is not None
         limits = read_limits(robot)
-        self._has_continuous = bool(has_continuous(limits.lower, limits.upper))
+        self._has_continuous = bool(find_continuous(limits.lower, limits.upper).any())
         self._limits = pack(limits if brakes is None else limits._replace(brakes=brakes))
         # All that this is handed is an example's like.
         self._judge = machine_code(_judge, make_example(), self._limits, 0.0, True)
