@@ -27,8 +27,9 @@ def nearest_on_segment(ax, ay, az, bx, by, bz):
 
 
 @kernel
-def square_at(ax, ay, az, bx, by, bz, cx, cy, cz, b, c):
-    """Squared distance from the origin to the point of a-b-c with weights b and c."""
+def square_at(ax, ay, az, bx, by, bz, cx, cy, cz, weights):
+    """Squared distance from the origin to the point of a-b-c with these weights of b and c."""
+    b, c = weights
     x = ax + b * (bx - ax) + c * (cx - ax)
     y = ay + b * (by - ay) + c * (cy - ay)
     z = az + b * (bz - az) + c * (cz - az)
@@ -56,11 +57,11 @@ def nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz):
     ac = nearest_on_segment(ax, ay, az, cx, cy, cz)
     bc = nearest_on_segment(bx, by, bz, cx, cy, cz)
     best_b, best_c = ab, 0.0
-    best = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, ab, 0.0)
-    square = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, 0.0, ac)
+    best = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, (ab, 0.0))
+    square = square_at(ax, ay, az, bx, by, bz, cx, cy, cz, (0.0, ac))
     if square < best:
         best, best_b, best_c = square, 0.0, ac
-    if square_at(bx, by, bz, cx, cy, cz, cx, cy, cz, bc, 0.0) < best:
+    if square_at(bx, by, bz, cx, cy, cz, cx, cy, cz, (bc, 0.0)) < best:
         best_b, best_c = 1.0 - bc, bc
     return best_b, best_c
 
@@ -119,14 +120,14 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
         else:
             # The new point with each edge of the triangle: the nearest of three faces.
             b, c = nearest_on_triangle(px, py, pz, ax, ay, az, bx, by, bz)
-            best = square_at(px, py, pz, ax, ay, az, bx, by, bz, b, c)
+            best = square_at(px, py, pz, ax, ay, az, bx, by, bz, (b, c))
             out = 2
             b1, c1 = nearest_on_triangle(px, py, pz, ax, ay, az, cx, cy, cz)
-            square = square_at(px, py, pz, ax, ay, az, cx, cy, cz, b1, c1)
+            square = square_at(px, py, pz, ax, ay, az, cx, cy, cz, (b1, c1))
             if square < best:
                 best, out, b, c = square, 1, b1, c1
             b1, c1 = nearest_on_triangle(px, py, pz, bx, by, bz, cx, cy, cz)
-            if square_at(px, py, pz, bx, by, bz, cx, cy, cz, b1, c1) < best:
+            if square_at(px, py, pz, bx, by, bz, cx, cy, cz, (b1, c1)) < best:
                 out, b, c = 0, b1, c1
             # Now a is the new point, b and c the two that stay, in the order of the weights.
             if out == 2:

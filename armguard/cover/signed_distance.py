@@ -232,5 +232,5 @@ def _triangle_squared(triangle, px, py, pz):
     ax, ay, az = triangle[0, 0] - px, triangle[0, 1] - py, triangle[0, 2] - pz
     bx, by, bz = triangle[1, 0] - px, triangle[1, 1] - py, triangle[1, 2] - pz
     cx, cy, cz = triangle[2, 0] - px, triangle[2, 1] - py, triangle[2, 2] - pz
-    b, c = nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
-    return square_at(ax, ay, az, bx, by, bz, cx, cy, cz, b, c)
+    weights = nearest_on_triangle(ax, ay, az, bx, by, bz, cx, cy, cz)
+    return square_at(ax, ay, az, bx, by, bz, cx, cy, cz, weights)

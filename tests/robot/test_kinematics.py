@@ -26,7 +26,8 @@ def random_state(robot, seed):
 def test_arrays_cannot_be_written(robot):
     kinematics = Kinematics(robot)
     spheres = kinematics.spheres
-    for array in (*vars(spheres).values(), kinematics.centers, kinematics.velocities):
+    arrays = [kept for name, kept in vars(spheres).items() if name != "tree"]
+    for array in (*arrays, *spheres.tree, kinematics.centers, kinematics.velocities):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
 
@@ -102,3 +103,38 @@ def test_an_arm_of_one_joint(tmp_path):
     kinematics.compute(q, v)
     assert np.abs(moved).max() > 0.01
     np.testing.assert_allclose(kinematics.velocities, moved, atol=1e-8)
+
+
+def test_the_threaded_tree_visits_every_sphere_once(robot):
+    spheres = Kinematics(robot).spheres
+    tree = spheres.tree
+    for link, root in enumerate(spheres.root):
+        seen, node = [], root
+        while node >= 0:
+            seen.append(node)
+            node = tree.first_child[node] if tree.first_child[node] >= 0 else tree.skip[node]
+        assert sorted(seen) == np.flatnonzero(spheres.link == link).tolist()
+    for node in np.flatnonzero(tree.parent >= 0):
+        first = spheres.first_child[tree.parent[node]]
+        assert first <= node < first + spheres.child_count[tree.parent[node]]
+    assert (tree.parent[tree.root] == -1).all()
+
+
+def test_a_skip_leaves_out_all_that_is_below(robot):
+    """And nothing else: it goes on where a walk through everything comes afterwards."""
+    tree = Kinematics(robot).spheres.tree
+
+    def walk(node):
+        while node >= 0:
+            yield int(node)
+            node = tree.first_child[node] if tree.first_child[node] >= 0 else tree.skip[node]
+
+    def below(node):
+        children = np.flatnonzero(tree.parent == node)
+        return {node}.union(*(below(child) for child in children))
+
+    for root in tree.root:
+        order = list(walk(root))
+        for place, node in enumerate(order):
+            after = [other for other in order[place:] if other not in below(node)]
+            assert list(walk(tree.skip[node])) == after

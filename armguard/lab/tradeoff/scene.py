@@ -175,22 +175,18 @@ class Notebook:
         stamp: float,
         position: ArrayLike,
         velocity: ArrayLike | None = None,
-        radius: ArrayLike = 0.0,
-        accel: ArrayLike | None = None,
-        speed: ArrayLike | None = None,
-        position_error: ArrayLike = 0.0,
-        velocity_error: ArrayLike = 0.0,
-        source: str = "",
+        **fields: ArrayLike | None,
     ) -> None:
-        """Take down one call."""
+        """Take down one call, whose fields are those of `armguard.Obstacles.update`."""
         if stamp < self._begin - 1e-9:
             return
         shape, base = (len(ids), -1 if ids else 1, 3), self._base
         points = np.reshape(np.asarray(position, dtype=np.float64), shape)
         paces = np.zeros(points.shape) if velocity is None else np.reshape(velocity, shape)
 
-        def spread(values: ArrayLike) -> Array:
-            return np.broadcast_to(np.asarray(values, dtype=np.float64), len(ids)).copy()
+        def read(field: str) -> Array:
+            values = np.asarray(fields.get(field, 0.0), dtype=np.float64)
+            return np.broadcast_to(values, len(ids)).copy()
 
         self._messages.append(
             ObstacleBatch(
@@ -198,11 +194,11 @@ class Notebook:
                 stamp - self._begin,
                 points @ base.rotation.T + base.translation,
                 paces @ base.rotation.T,
-                spread(radius),
-                None if accel is None else spread(accel),
-                None if speed is None else spread(speed),
-                spread(position_error),
-                spread(velocity_error),
+                read("radius"),
+                None if fields.get("accel") is None else read("accel"),
+                None if fields.get("speed") is None else read("speed"),
+                read("position_error"),
+                read("velocity_error"),
                 self._source,
                 "world",
                 False,
