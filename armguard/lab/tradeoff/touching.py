@@ -54,7 +54,7 @@ def add_touching(scene: Scene, site: Site, count: int, seed: int) -> str:
     for tick in range(round(scene.seconds * RATE) + 1):
         states = [find_state(tick / RATE - time, *ends) for time, *ends in ways]
         places, paces = (np.array([state[part] for state in states]) for part in (0, 1))
-        notebook.update(ids, tick / RATE, places, paces, RADIUS)
+        notebook.update(ids, tick / RATE, places, paces, radius=RADIUS)
     scene.messages.sort(key=lambda message: message.stamp)
     return f"{count} balls that touch it"
 
