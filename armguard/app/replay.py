@@ -62,9 +62,6 @@ COLUMNS = (
 
 PAIRS_SHOWN = 5
 
-EXPORT_TIMEOUT = 120.0
-"""How long the page's process may take to write its export, in [s]."""
-
 STANDARD_OUTPUT = Path("-")
 
 
@@ -583,8 +580,9 @@ def show_page(
         publisher = resources.enter_context(
             FramePublisher(f"ipc://{folder}/frames", is_patient=True)
         )
-        process = launch(publisher.address, wishes.port, export=wishes.export)
-        resources.callback(process.close, EXPORT_TIMEOUT)
+        process = resources.enter_context(
+            launch(publisher.address, wishes.port, export=wishes.export)
+        )
         if wishes.view:
             make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
         if wishes.open:
