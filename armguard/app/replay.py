@@ -116,9 +116,9 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
         raise ArmguardError(
             "--what-if", "is for armguard's own recordings", remedy="make one by --record"
         )
+    plain = type(wishes)(wishes.file)
     for name in ("radius", "snapshot", "stamps", "record"):
-        usual = type(wishes).__dataclass_fields__[name].default
-        if not is_of_others and getattr(wishes, name) != usual:
+        if not is_of_others and getattr(wishes, name) != getattr(plain, name):
             raise ArmguardError(
                 f"--{name}", "is for recordings of others", expected="--cell and --topics beside it"
             )
