@@ -127,7 +127,7 @@ class Stage:
     def close(self) -> None:
         """End the view; an export is written by then."""
         self.page.close()
-        self._view.close(PATIENCE)
+        self._view.close()
         self._publisher.close()
 
     def show(self, count: int, **changes: object) -> None:

@@ -62,9 +62,6 @@ COLUMNS = (
 
 PAIRS_SHOWN = 5
 
-EXPORT_TIMEOUT = 120.0
-"""How long the page's process may take to write its export, in [s]."""
-
 STANDARD_OUTPUT = Path("-")
 
 
@@ -119,9 +116,9 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
         raise ArmguardError(
             "--what-if", "is for armguard's own recordings", remedy="make one by --record"
         )
+    plain = type(wishes)(wishes.file)
     for name in ("radius", "snapshot", "stamps", "record"):
-        usual = type(wishes).__dataclass_fields__[name].default
-        if not is_of_others and getattr(wishes, name) != usual:
+        if not is_of_others and getattr(wishes, name) != getattr(plain, name):
             raise ArmguardError(
                 f"--{name}", "is for recordings of others", expected="--cell and --topics beside it"
             )
@@ -583,8 +580,9 @@ def show_page(
         publisher = resources.enter_context(
             FramePublisher(f"ipc://{folder}/frames", is_patient=True)
         )
-        process = launch(publisher.address, wishes.port, export=wishes.export)
-        resources.callback(process.close, EXPORT_TIMEOUT)
+        process = resources.enter_context(
+            launch(publisher.address, wishes.port, export=wishes.export)
+        )
         if wishes.view:
             make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
         if wishes.open:

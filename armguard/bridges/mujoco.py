@@ -383,18 +383,10 @@ def _enclose_points(points: Array) -> GeomShape:
 
 
 def _read_vertices(model: Any, geom: int) -> Array:
-    """Vertices of a mesh's convex hull, or of all of it where the model has none. Shape (n, 3)."""
+    """Vertices of a mesh, whose convex hull MuJoCo collides. Shape (n, 3)."""
     mesh = model.geom_dataid[geom]
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    vertices = np.array(model.mesh_vert[first : first + count], float)
-    start = model.mesh_graphadr[mesh]
-    if start < 0:
-        return vertices
-    # The graph begins with its numbers of vertices and faces; from two times the former on, places
-    # of the hull's vertices in the mesh.
-    hull_count = model.mesh_graph[start]
-    places = model.mesh_graph[start + 2 + hull_count : start + 2 + 2 * hull_count]
-    return vertices[places]
+    return np.array(model.mesh_vert[first : first + count], float)
 
 
 def _find_geoms(model: Any, bodies: Sequence[str]) -> list[int]:

@@ -23,6 +23,8 @@ from armguard.view.listening import LOOPBACK, listen
 
 START_TIMEOUT = 30.0
 END_TIMEOUT = 3.0
+EXPORT_TIMEOUT = 120.0
+"""How long the process may take to end, in [s], before it is killed; longer where it exports."""
 
 
 class WatchOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,8 +59,9 @@ class ViewProcess:
         pid: The process.
     """
 
-    def __init__(self, process: subprocess.Popen[str], url: str) -> None:
+    def __init__(self, process: subprocess.Popen[str], url: str, end_timeout: float) -> None:
         self._process = process
+        self._end_timeout = end_timeout
         self.url = url
         self.pid = process.pid
 
@@ -71,13 +74,9 @@ class ViewProcess:
         """Return when the process has ended."""
         self._process.wait()
 
-    def close(self, timeout: float = END_TIMEOUT) -> None:
-        """End the process and wait until it and its port are gone; harmless if they are.
-
-        Args:
-            timeout: How long it may take before it is killed, in [s]; an export takes a while.
-        """
-        _end(self._process, timeout)
+    def close(self) -> None:
+        """End the process and wait until it and its port are gone; harmless if they are."""
+        _end(self._process, self._end_timeout)
 
     def __enter__(self) -> ViewProcess:
         return self
@@ -146,7 +145,7 @@ def launch(
             f"did not start (exit code {process.returncode})",
             remedy="its own message, if any, stands on stderr",
         )
-    return ViewProcess(process, found[0])
+    return ViewProcess(process, found[0], END_TIMEOUT if export is None else EXPORT_TIMEOUT)
 
 
 def _end(process: subprocess.Popen[str], timeout: float = END_TIMEOUT) -> None:

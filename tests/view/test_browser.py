@@ -155,7 +155,7 @@ def view(feed, tmp_path_factory):
     with launch(feed.publisher.address, floor=-0.75, export=path) as view:
         view.export = path
         yield view
-        view.close(60.0)
+        view.close()
 
 
 @pytest.fixture(scope="module")
@@ -717,7 +717,7 @@ def test_a_browser_without_webgl_says_so_and_shows_the_rest(feed, view, browser)
 
 def test_the_export_plays_from_a_file_without_a_network(view, browser, page):
     page.close()
-    view.close(60.0)
+    view.close()
     page = open_page(browser)
     page.context.set_offline(True)
     page.goto(view.export.as_uri())

@@ -125,7 +125,7 @@ def test_an_export_has_what_was_sent_before_its_end_though_the_view_was_slow(tmp
         publisher.publish_status(StatusMessage(text="the end", is_over=True))
         os.kill(view.pid, signal.SIGTERM)
         os.kill(view.pid, signal.SIGCONT)
-        view.close(60.0)
+        view.close()
     packed = re.search(r'id="film" type="text/plain">([^<]*)<', export.read_text())[1]
     film = msgspec.msgpack.decode(gzip.decompress(base64.b64decode(packed)))
     assert film["news"]["moments"][-1][1] == pytest.approx(0.1 * (count - 1))

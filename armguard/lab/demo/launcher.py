@@ -45,9 +45,6 @@ from armguard.view.process import ViewProcess, launch
 END_TIMEOUT = 3.0
 """How long a process may take to end when asked to, in [s]."""
 
-EXPORT_TIMEOUT = 120.0
-"""How long the page's process may take to write its export, in [s]."""
-
 FLOOR = -0.75
 """Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
 
@@ -158,7 +155,7 @@ def run_demo(wishes: cli.Demo) -> int:
 
         def open_page() -> ViewProcess:
             page = launch(frames, wishes.port, floor=FLOOR, export=export)
-            resources.callback(page.close, EXPORT_TIMEOUT if export is not None else END_TIMEOUT)
+            resources.callback(page.close)
             if not wishes.no_view:
                 console.print(f"see it in the browser: {page.url}", soft_wrap=True)
                 console.print(f"token to end a latched STOP with, there: {token}", soft_wrap=True)
