@@ -179,6 +179,8 @@ def _check_header(path: Path, rows: list[list[str]]) -> tuple[float, list[str]]:
     The third line has names above every sixth column from the third on, as in
     `Global Angle hip:hip`.
     """
+    if rows[0] != ["Objects"]:
+        raise _bad(path, 1, f"is {','.join(rows[0])[:40]!r}", "the header 'Objects'")
     if len(rows) < _HEADER_LINES:
         raise _bad(path, len(rows) + 1, "is missing", "a header of five lines")
     rate = _read_number(",".join(rows[1]))
@@ -191,7 +193,6 @@ def _check_header(path: Path, rows: list[list[str]]) -> tuple[float, list[str]]:
     if list(named) != [3 + len(_AXES) * place for place in range(len(bodies))]:
         raise _bad(path, 3, f"has names in columns {list(named)}", "every sixth, from 3 on")
     wanted = {
-        1: ["Objects"],
         4: ["Frame", "Sub Frame", *_AXES * len(bodies)],
         5: ["", "", *_UNITS * len(bodies)],
     }

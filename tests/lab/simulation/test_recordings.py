@@ -203,6 +203,7 @@ def edit(line, old, new):
         (lambda lines: lines.clear(), "empty"),
         (lambda lines: lines.__delitem__(slice(3, None)), "line 4: is missing"),
         (lambda lines: lines.__delitem__(slice(5, None)), "line 5: is the last"),
+        (edit(1, "Objects", "Frames"), "line 1: is 'Frames'; expected the header 'Objects'"),
         (edit(2, "100", "0"), "line 2: is '0'"),
         (edit(2, "100", "nan"), "line 2: is 'nan'"),
         (edit(3, "hip:hip", "hat:hat"), "line 3: names collar, .* hat; expected once each"),
