@@ -425,22 +425,16 @@ def _check_entries(where: str, entries: list[BrakeEntry], acceleration: float) -
 
 
 def _check_order(where: str, one: BrakeEntry, other: BrakeEntry) -> None:
-    """Refuse a stop that is sooner or shorter under more load or from more speed."""
-    for key in ("stopping_time", "stopping_distance"):
+    """Refuse a stop that is sooner, shorter or harder under more load or from more speed."""
+    for key in KINDS:
         less, more = getattr(one, key), getattr(other, key)
-        if less < math.inf and not less <= more:
+        is_harder = more > less > 0.0 if key == "deceleration" else more < less < math.inf
+        if is_harder:
             raise RobotError(
                 where,
-                f"{key} = {more:g} {_spell(other)} is below {less:g} {_spell(one)}",
-                expected="no sooner a stop under more load or from more speed",
+                f"{key} = {more:g} {_spell(other)} is a harder stop than {less:g} {_spell(one)}",
+                expected="no harder a stop under more load or from more speed",
             )
-    if other.deceleration > one.deceleration > 0.0:
-        raise RobotError(
-            where,
-            f"deceleration = {other.deceleration:g} {_spell(other)} exceeds "
-            f"{one.deceleration:g} {_spell(one)}",
-            expected="no harder braking under more load or from more speed",
-        )
 
 
 def _spell(entry: BrakeEntry) -> str:

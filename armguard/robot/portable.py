@@ -156,7 +156,7 @@ class RestoredRobot(Robot):
 
     def hull(self, link: str) -> FloatArray:
         """As `Robot.hull`: points whose convex hull contains a link. Shape (n, 3)."""
-        self._check_link(link)
+        self._find_link(link)
         # A body that was attached since has a surface of its own.
         return self._hulls[link] if link in self._hulls else super().hull(link)
 
@@ -204,9 +204,8 @@ def _read(values: Any, shape: tuple[int, ...]) -> FloatArray:
     array = read_numbers(values)
     if array.size == 0 and shape[0] == -1:
         array = array.reshape(0, *shape[1:])
-    if len(shape) != array.ndim or any(
-        wanted not in (-1, found) for wanted, found in zip(shape, array.shape, strict=True)
-    ):
+    first = 1 if shape[0] == -1 else 0
+    if len(shape) != array.ndim or shape[first:] != array.shape[first:]:
         raise ValueError(f"numbers of shape {array.shape}, expected {shape}")
     array.flags.writeable = False
     return array

@@ -354,7 +354,7 @@ class Robot:
         # Few arms are given a tool or a part.
         from armguard.robot.attachments import AttachedBody, PreparedBody
 
-        self._check_link(link)
+        self._find_link(link)
         body = AttachedBody(name, geometry, placement)
         self._check_new(name)
         return PreparedBody(link, body, Cover.fit(body, spheres=SPHERES))
@@ -370,11 +370,9 @@ class Robot:
         """
         link, name, body = prepared.link, prepared.name, prepared.body
         with _CHANGE:  # two threads may attach at once, and neither body must be lost
-            self._check_link(link)
+            joint, bodies = self._find_link(link).joint, self._bodies
             self._check_new(name)
-            bodies = self._bodies
-            joint, pieces = bodies.links[link].joint, body.surface(name)
-            new = _Link(joint, body.triangles(name), pieces, is_attached=True)
+            new = _Link(joint, body.triangles(name), body.surface(name), is_attached=True)
             # Another thread that reads meanwhile finds a cover for every link that there is.
             self.cover = _extend(self.cover, prepared.cover)
             self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
@@ -414,8 +412,7 @@ class Robot:
         Raises:
             RobotError: No watched joint moves such a link, or it has no collision geometry.
         """
-        self._check_link(link)
-        return self._bodies.links[link].triangles
+        return self._find_link(link).triangles
 
     def surface(self, link: str) -> FloatArray:
         """The surface of a link in the pieces that its cover is proved from.
@@ -430,13 +427,11 @@ class Robot:
         Raises:
             RobotError: As `triangles` does.
         """
-        self._check_link(link)
-        return self._bodies.links[link].pieces
+        return self._find_link(link).pieces
 
     def joint_index(self, link: str) -> int:
         """Index in `model.joints` of the joint that moves a link."""
-        self._check_link(link)
-        return self._bodies.links[link].joint
+        return self._find_link(link).joint
 
     def hull(self, link: str) -> FloatArray:
         """Points whose convex hull contains a link.
@@ -448,8 +443,7 @@ class Robot:
         Raises:
             RobotError: As `triangles` does.
         """
-        self._check_link(link)
-        return self._bodies.links[link].hull
+        return self._find_link(link).hull
 
     def fixed_points(self) -> Mapping[str, FloatArray]:
         """Of each link that no watched joint moves, points whose convex hull contains it.
@@ -469,9 +463,9 @@ class Robot:
                 f"attached body {name!r}", "has the name of another body", expected="a new name"
             )
 
-    def _check_link(self, link: str) -> None:
+    def _find_link(self, link: str) -> _Link:
         if isinstance(link, str) and link in self._bodies.links:
-            return
+            return self._bodies.links[link]
         if any(frame.name == link for frame in self.model.frames):
             problem = "has no collision geometry that a watched joint moves"
         else:

@@ -101,21 +101,12 @@ def read_urdf(
     continuous, mimics = _prepare_joints(root, freed)
     _prepare_meshes(root, path.resolve().parent, package_dirs)
     text = ElementTree.tostring(root, encoding="unicode")
+    collision = pinocchio.GeometryType.COLLISION
     try:
         model = pinocchio.buildModelFromXML(text)
+        collision_model = pinocchio.buildGeomFromUrdfString(model, text, collision)
     except (ValueError, RuntimeError) as error:
         raise RobotError(str(path), f"is not a usable URDF: {describe_error(error)}") from error
-    try:
-        collision_model = pinocchio.buildGeomFromUrdfString(
-            model,
-            text,
-            pinocchio.GeometryType.COLLISION,
-        )
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(
-            str(path),
-            f"its collision geometry cannot be read: {describe_error(error)}",
-        ) from error
     for joint in list(model.joints)[1:]:
         if joint.nv != 1:
             raise RobotError(

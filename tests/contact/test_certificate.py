@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -15,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.contact import Certificate, certify, earliest_contact_hull, verify
+from armguard.contact.certificate import _floor, _root_bounds
 from support.contact_cases import grazing_case, mixed_case, ordinary_case
 
 CASES = int(os.environ.get("ARMGUARD_CASES", "4000"))
@@ -283,6 +285,19 @@ def test_every_direction_takes_over_before_the_time_that_is_claimed():
             # Without what comes too late, the claim is as good as the greater one.
             kept = times < claimed
             assert verify(Certificate(claimed, times[kept], directions[kept]), **case)
+
+
+def test_roots_and_quotients_are_between_their_bounds():
+    """Of all magnitudes, squares among them: on the right side, and by no more than 2**-150 off."""
+    rng, close = np.random.default_rng(18), Fraction(1, 2**150)
+    for _ in range(500):
+        value = Fraction(*(int(part) + 1 for part in rng.integers(0, 2**62, 2)))
+        value = (value * Fraction(2) ** int(rng.integers(-900, 900))) ** int(rng.integers(1, 3))
+        low, high = _root_bounds(value)
+        assert low**2 <= value <= high**2
+        assert high <= low * (1 + close)
+        for quotient in (value, -value):
+            assert quotient - close * value <= _floor(quotient) <= quotient
 
 
 EXTREME = st.floats(-1e150, 1e150) | st.floats(-2.0, 2.0) | st.floats(-1e-140, 1e-140)

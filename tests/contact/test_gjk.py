@@ -57,7 +57,3 @@ def test_corners_are_carried_along_their_velocities():
     points += 5.0
     carried = nearest((0.0, 0.0, 0.0), points, velocities, 0.3)
     assert carried == pytest.approx(nearest((0.0, 0.0, 0.0), points + 0.3 * velocities))
-
-
-def test_corners_that_coincide_are_one():
-    assert nearest((0.0, 0.0, 0.0), np.full((8, 3), 2.0)).tolist() == [2.0, 2.0, 2.0]

@@ -73,6 +73,8 @@ def test_limits_and_couplings_are_kept_and_what_the_format_lacks_stays_unknown(t
     efforts = {
         str(name): ours.model.effortLimit[i] for i, name in enumerate(list(ours.model.names)[1:])
     }
+    guessed = read_mjcf(write_mjcf(tmp_path, inside='<body><geom size="0.1"/></body>'))
+    assert not np.any(guessed.model.effortLimit)  # one inertia is MuJoCo's guess
     assert efforts == {"pan": 5, "lift": 120, "roll": 0, "left_finger": 0, "right_finger": 0}
 
 

@@ -79,11 +79,6 @@ def test_unknown_link_lists_those_that_exist(panda):
         panda.joint_index("panda_link0")
 
 
-def test_links_without_geometry_are_refused(tmp_path):
-    with pytest.raises(RobotError, match="no watched joint moves a link with collision geometry"):
-        Robot.from_urdf(two_links(tmp_path, geometry=""), limits=limits_for("shoulder"))
-
-
 def test_a_supplied_cover_is_proved_again(tmp_path):
     path = two_links(tmp_path)
     limits = limits_for("shoulder")

@@ -69,11 +69,6 @@ def test_unusable_limits_are_refused_by_name(tmp_path, text, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_not_there_is_said(tmp_path):
-    with pytest.raises(RobotError, match=r"none\.yaml: cannot be read"):
-        read_planning_limits(tmp_path / "none.yaml")
-
-
 def test_a_robot_description_is_found_in_parameters(tmp_path):
     text = "/**:\n  ros__parameters:\n    robot_description: |\n      <robot name='a'/>\n"
     assert read_robot_description(write(tmp_path, text)).strip() == "<robot name='a'/>"

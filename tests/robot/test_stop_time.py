@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armguard.robot.stop_time import compute_stop_time
+from armguard.robot.stop_time import ALL_COVERED, compute_stop_time
 from support.urdf_arms import hold
 
 
@@ -47,3 +47,16 @@ def test_with_operating_limits_joints_speed_up_gently_and_were_faster_before(arm
         rate = speeding if age + begin > 0.0 else accels
         speed = np.minimum(limits, np.abs(v) + errors + rate * abs(age + begin))
         assert (begin + speed / brakes <= stop_time * (1.0 + 1e-12)).all()
+
+
+@given(joints, st.floats(-0.1, 0.1))
+def test_a_joint_is_uncovered_where_it_may_be_too_fast_when_its_brakes_bite(arm, age):
+    v, errors, limits, accels, _ = (np.array(part) for part in arm)
+    speed = np.minimum(limits, np.abs(v) + errors + accels * max(age + 0.02, -age, 0.02))
+    for share, uncovered in ((1.001, ALL_COVERED), (0.999, len(v) - 1)):
+        stated = 2.0 * speed
+        stated[-1] = share * speed[-1]
+        brakes = hold(accels)._replace(speed=stated[:, None])
+        times = age, 0.005, 0.015
+        found = compute_stop_time(v, errors, limits, accels, brakes, *times, accels)[1]
+        assert found == uncovered

@@ -1,4 +1,5 @@
 import os
+import re
 
 import numpy as np
 import pinocchio
@@ -193,6 +194,15 @@ def test_limits_that_are_not_relied_on_may_be_missing(tmp_path, kind, limit):
     )
     model = read_urdf(path).model
     assert (model.velocityLimit, model.effortLimit) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("limit", ['velocity="-1"', 'effort="nan"', 'lower="x"'])
+def test_a_limit_that_is_no_number_is_refused_by_joint(tmp_path, limit):
+    path = two_links(tmp_path)
+    key = limit.partition("=")[0]
+    path.write_text(re.sub(f'{key}="[^"]*"', limit, path.read_text()))
+    with pytest.raises(RobotError, match=f"'shoulder': has {key}="):
+        read_urdf(path)
 
 
 def draw_hand(folder, content=f'<origin xyz="0 0 1"/>{BOX}'):
