@@ -24,7 +24,7 @@ from armguard.streams.edge import EdgeSettings
 from armguard.streams.other_arm_intake import OtherArm
 from armguard.verdict import Level
 from support.key_rings import KeyRing
-from support.stream_messages import joints, obstacles, pack, plan
+from support.stream_messages import World, joints, obstacles, pack, plan
 from support.stream_sockets import PATIENCE
 from support.verdict_samples import verdict
 
