@@ -45,7 +45,7 @@ class VerdictRule:
         self._raw: Level = CLEAR
         self.begins = False
         """Whether what the last tick earned by itself begins with it, so that its cause is to be
-        kept."""
+        kept; in most ticks it does not."""
 
     def reset(self) -> None:
         """Forget latched faults and held levels; the next tick counts as evidence for STOP.
@@ -143,7 +143,7 @@ class VerdictRule:
     def keep_cause(
         self, now: float, contact_time: float, stop_time: float, reasons: Sequence[Reason]
     ) -> None:
-        """Keep what this tick's own level rests on, where the level `begins` with it.
+        """Keep what this tick's own level rests on, if the level `begins` with it.
 
         Args:
             now: As in `decide`, which was called for this tick.
@@ -151,9 +151,10 @@ class VerdictRule:
             stop_time: Of the tick, in [s] from now.
             reasons: Of the tick, the weightiest first; beside those that are latched.
         """
-        latched = next(iter(self.latched.values()), None)
-        reason = latched or (reasons[0] if reasons else None)
-        self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
+        if self.begins:
+            latched = next(iter(self.latched.values()), None)
+            reason = latched or (reasons[0] if reasons else None)
+            self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
 
     def find_cause(self, level: Level) -> Held:
         """What began a level that is held, and when it may rise."""

@@ -223,8 +223,7 @@ def test_a_held_level_keeps_what_began_it_and_says_when_it_may_rise():
 
     def go(now, contact_time, *reasons, standing=False):
         level, held = decide(rule, now, contact_time, standing=standing)
-        if rule.begins:
-            rule.keep_cause(now, contact_time, 1.0, reasons)
+        rule.keep_cause(now, contact_time, 1.0, reasons)
         return rule.find_cause(level) if held else None
 
     assert go(10.0, 9.0) is None

@@ -43,6 +43,9 @@ def test_a_scale_that_fell_does_not_rise_to_where_it_was_for_a_while():
     rising.give(0.01, 0.3)
     assert rising.find_most(0.01 + 0.9 * STEADY_TIME) < 0.8
     assert rising.find_most(0.01 + STEADY_TIME) == 1.0
+    # Not even from 1, which a piece of trajectory that ends meanwhile was run at.
+    rising.give(0.02, 1.0)
+    assert rising.follow(0.03, 1.0) == 0.85 * 0.8
     # No such fall is that to 0: the level holds a STOP for long enough.
     rising.give(2.0, 0.0)
     assert rising.find_most(2.1) == pytest.approx(1.0)

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armguard.exceptions import ObstacleError
+from armguard.messages.batch import ObstacleBatch
 from armguard.obstacles import FaultKind, Frame, Obstacles
 from support.obstacle_samples import check_invariants, kinds, see
 
@@ -160,6 +161,20 @@ def test_entrances_that_make_no_sense_are_refused_by_name(change, offender):
 def test_an_entrance_needs_a_bound_on_speed():
     with pytest.raises(ObstacleError, match=r"door.*speed of inf"):
         Obstacles(speed=math.inf).add_entrance("door", [2, 0, 1], 0.5, 0.1)
+
+
+def test_a_message_that_adds_none_is_taken_whatever_the_limit():
+    obstacles, positions = Obstacles(), np.zeros((3, 3))
+    batch = ObstacleBatch(
+        ["a", "b", "c"], 1.0, positions, None, 0.1, None, None, 0.0, 0.0, "cam0", "world", False
+    )
+    with pytest.raises(ObstacleError, match="has 3 obstacles; expected max_obstacles, 2 at most"):
+        obstacles.take(batch, limit=2)
+    assert (len(obstacles), kinds(obstacles)) == (0, [FaultKind.MALFORMED])
+    assert obstacles.take(batch)
+    assert obstacles.take(batch._replace(stamp=1.1), limit=2)
+    jump = batch._replace(stamp=1.2, position=positions + 1.0)
+    assert not obstacles.take(jump, limit=2), "it says that samples were refused"
 
 
 # Removing

@@ -24,7 +24,7 @@ from armguard.streams.edge import EdgeSettings
 from armguard.streams.other_arm_intake import OtherArm
 from armguard.verdict import Level
 from support.key_rings import KeyRing
-from support.stream_messages import joints, obstacles, pack, plan
+from support.stream_messages import World, joints, obstacles, pack, plan
 from support.stream_sockets import PATIENCE
 from support.verdict_samples import verdict
 
@@ -342,3 +342,11 @@ def test_a_client_speaks_for_its_arms_and_resets_by_right():
     check(RESET | {"arm": "right"}, "plc", rights)
     with pytest.raises(SenderError, match="one of the arms of 'plc'"):
         check(joints(arm="right"), "plc", rights)
+
+
+def test_a_client_that_may_send_no_obstacles_is_charged_for_none():
+    """Else what it sends beyond a rate would be a STOP, as of a source that says too much."""
+    edge, message = World().edge, decode(pack(obstacles()))
+    assert edge._charge(message, 100, "plc", Rights({"plc": ["joints"]})) is None
+    assert edge._charge(message, 100, None, Rights({"cam0": ["obstacles"]})) is None
+    assert edge._charge(message, 100, "cam0", Rights({"cam0": ["obstacles"]})) is not None

@@ -33,11 +33,13 @@ def test_a_joint_state_is_dated_to_microseconds_or_refused(holds, is_taken):
     assert len(world.clock.readings) < 30
 
 
-def test_an_impossible_joint_state_is_not_hidden_by_a_good_one_after_it():
+@pytest.mark.parametrize("field", ["q", "v"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_an_impossible_joint_state_is_not_hidden_by_a_good_one_after_it(field, value):
     world = World()
     good = [joints(stamp=MONOTONIC + later) for later in (5.001, 5.0015)]
-    world.send(joints(q=[math.nan, 0.0, 1.0]), *good)
-    assert math.isnan(world.edge.joints.state.q[1])
+    world.send(joints(**{field: [value, 0.0, -value]}), *good)
+    assert not math.isfinite(getattr(world.edge.joints.state, field)[1])
     assert world.kinds() == ["not finite"]
     world.send(joints(stamp=MONOTONIC + 5.002))
     assert world.edge.joints.state.q.tolist() == [1.0, 2.0]
