@@ -28,7 +28,7 @@ from armguard.recording.provenance import describe_software
 LOCAL = "local"
 """Address that asks for a cluster on this machine."""
 
-SOFTWARE = ("armguard", "sources", "numba", "llvm", "numpy", "pinocchio", "python")
+SOFTWARE = ("armguard", "sources", "numba", "llvmlite", "numpy", "pinocchio", "python")
 """What must be the same on all workers."""
 
 KEPT = "what was measured is kept; --resume goes on with it"

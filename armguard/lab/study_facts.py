@@ -24,7 +24,7 @@ from armguard.lab.rows import Here, Rows, Tell
 from armguard.recording.provenance import describe_provenance, describe_software
 from armguard.robot.robot import Robot
 
-VERSIONS = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
+VERSIONS = ("armguard", "numpy", "numba", "llvmlite", "pinocchio", "python")
 """What a page names the versions of."""
 
 
