@@ -4,16 +4,21 @@
 
 starts processes one after another, each of which makes a monitor of a Panda with all defaults,
 takes in ten obstacles and steps once. The first has an empty folder for its kernels, the others
-what the first one left. Times are the process's own, imports included: processor time on all cores,
-and wall time, which other load stretches. `compiled` counts kernels and what Numba compiles for
-them, and beside each of the dearest stands what it took without those that were compiled on its
-behalf. `reference` is what the same machine needs for a known quantity of work, in one thread of
-plain Python: how fast processors are differs more than how much there is to compile.
+what the first one left. All of this is done with the fast path of compilation (see
+`armguard/jit/kernels.py`), and again with Numba's public interface alone, `plain`. Each process
+then moves arm and obstacles for a moment, and all must give the same verdicts to the bit.
+
+Times are the process's own, imports included: processor time on all cores, and wall time, which
+other load stretches. `compiled` counts kernels. Beside each of the dearest functions, Numba's own
+among them, stands what it took without those that were compiled on its behalf. `reference` is what
+the same machine needs for a known quantity of work, in one thread of plain Python: how fast
+processors are differs more than how much there is to compile.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import resource
@@ -24,9 +29,12 @@ import time
 from collections import defaultdict
 from typing import Any
 
+import numpy as np
+
 from scene.machine import describe_machine
 
 SQUARES = 50_000_000
+TICKS = 1000
 Q = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 
 
@@ -61,20 +69,31 @@ def start(schedule: str) -> dict[str, Any]:
 
     event.register("numba:compile", Listener())
     import armguard
+    from armguard.jit.progress import compilation
 
     imported = processor_time()
     obstacles = armguard.Obstacles()
     monitor = armguard.Monitor(armguard.Robot.load("panda"), obstacles, schedule=schedule)
     ids = [f"ball {number}" for number in range(10)]
-    positions = [[0.7 + 0.1 * number, 0.0, 0.5] for number in range(10)]
+    positions = [[1.2 + 0.1 * number, 0.0, 0.5] for number in range(10)]
     obstacles.update(ids, 0.0, positions, radius=0.1)
     verdict = monitor.step(0.0, Q, [0.0] * 7)
     assert verdict.evaluated > 0
+    processor, compiled = processor_time(), compilation.count
+    digest = hashlib.sha256(repr(verdict).encode())
+    for tick in range(1, TICKS):
+        now = 0.001 * tick
+        swing = 0.1 * (1.0 - np.cos(3.0 * now))
+        if tick % 10 == 0:
+            obstacles.update(ids, now, np.subtract(positions, [swing, 0.0, 0.0]), radius=0.1)
+        verdict = monitor.step(now, np.add(Q, swing), np.full(7, 0.3 * np.sin(3.0 * now)))
+        digest.update(repr(verdict).encode())
     dearest = sorted(kernels, key=lambda name: -kernels[name])
     return {
-        "processor": processor_time(),
+        "processor": processor,
         "imports": imported,
-        "compiled": sum(counts.values()),
+        "compiled": compiled,
+        "verdicts": digest.hexdigest()[:8],
         "kernels": [(kernels[name], counts[name], name) for name in dearest],
     }
 
@@ -86,9 +105,9 @@ def sum_squares() -> float:
     return processor_time() - began
 
 
-def measure(schedule: str, folder: str) -> dict[str, Any]:
+def measure(schedule: str, folder: str, jit: str) -> dict[str, Any]:
     """Start a process with this folder for its kernels."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": folder, "ARMGUARD_JIT": jit}
     began = time.perf_counter()
     told = subprocess.run(
         [sys.executable, __file__, "--schedule", schedule, "--in-this-process"],
@@ -111,18 +130,25 @@ def main() -> None:
         return
     print(describe_machine())
     print(f"reference: the sum of {SQUARES:,} squares takes {sum_squares():.2f} s")
-    print(f"{'start':8} {'processor':>10} {'wall':>8} {'imports':>8} {'compiled':>9}")
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(1 + arguments.warm):
-            found = measure(arguments.schedule, folder)
-            if number == 0:
-                kernels = found["kernels"]
-            print(
-                f"{'first' if number == 0 else 'warm':8} {found['processor']:8.2f} s"
-                f" {found['wall']:6.2f} s {found['imports']:6.2f} s {found['compiled']:9d}"
-            )
+    print(
+        f"{'start':12} {'processor':>10} {'wall':>8} {'imports':>8} {'compiled':>9} {'verdicts':>9}"
+    )
+    kernels, verdicts = [], set()
+    for jit in ("fast", "plain"):
+        with tempfile.TemporaryDirectory() as folder:
+            for number in range(1 + arguments.warm):
+                found = measure(arguments.schedule, folder, jit)
+                kernels = kernels or found["kernels"]
+                verdicts.add(found["verdicts"])
+                print(
+                    f"{jit:5} {'first' if number == 0 else 'warm':6} {found['processor']:8.2f} s"
+                    f" {found['wall']:6.2f} s {found['imports']:6.2f} s {found['compiled']:9d}"
+                    f" {found['verdicts']:>9}"
+                )
     for duration, count, name in kernels[: arguments.kernels]:
         print(f"{duration:8.2f} s {count:3d} {name}")
+    if len(verdicts) > 1:
+        raise SystemExit("the verdicts differ")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from armguard.app.terminal import make_console
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.carried import CARRIED, PROCESSOR, describe_environment
+from armguard.jit.kernels import IS_FAST
 from armguard.jit.progress import compilation
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import Obstacles
@@ -42,12 +43,19 @@ def run(*, carry: bool) -> int:
         carry: Whether for wheels, and so for `PROCESSOR`, into `CARRIED`.
 
     Raises:
-        ArmguardError: The package's folder cannot be written.
+        ArmguardError: The package's folder cannot be written, or kernels are not compiled by the
+            fast path, which alone can use what a wheel carries.
     """
     if not carry:
         compile_all()
         _tell(f"{compilation.count} kernels compiled; a start finds them now")
         return 0
+    if not IS_FAST:
+        raise ArmguardError(
+            "--carry",
+            "needs the fast path of compilation, which this process does not use",
+            expected="a version of Numba that it was tested with, and ARMGUARD_JIT unset",
+        )
     try:
         shutil.rmtree(CARRIED, ignore_errors=True)
         CARRIED.mkdir()
@@ -64,12 +72,10 @@ def run(*, carry: bool) -> int:
     if made.returncode:
         complain(f"the kernels were not compiled: exit code {made.returncode}")
         return 1
-    # What only kernels call is part of them; locks were for processes that compile here.
-    for parts in list(CARRIED.glob("*/parts")):
-        shutil.rmtree(parts)
+    # Locks were for processes that compile here.
     for lock in list(CARRIED.rglob("*.lock")):
         lock.unlink()
-    size = sum(path.stat().st_size for path in CARRIED.rglob("*.nb[ic]"))
+    size = sum(path.stat().st_size for path in CARRIED.rglob("*.kernel"))
     _tell(f"kernels for {PROCESSOR} in {CARRIED}: {size / 1e6:.1f} MB")
     return 0
 

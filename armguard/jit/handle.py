@@ -8,6 +8,9 @@ arrays by value would be copied at each call, which takes long to run and far lo
 
 What compiled code reads from a handle it borrows: references are not counted. The caller holds the
 handle until the call returns, and compiled code keeps nothing of it.
+
+All of this uses `numba.extending`, Numba's public interface for types of one's own, and so it is
+the same with every version of Numba.
 """
 
 from __future__ import annotations
@@ -20,15 +23,13 @@ import numba
 import numpy as np
 from numba import extending as numba_extending
 from numba import types as numba_types
-from numba.core import cgutils as numba_cgutils
-from numba.core.typing import templates as numba_templates
 
 # Numba's functions are untyped: they are called as anything is.
-cgutils: Any = numba_cgutils
 extending: Any = numba_extending
-templates: Any = numba_templates
 typeof: Any = numba.typeof
 types: Any = numba_types
+# `infer_getattr` demands this class, which `numba.extending` does not export.
+AttributeTemplate: Any = numba.core.typing.templates.AttributeTemplate
 
 WORD = 8
 """[bytes]: what each number, address, length and stride takes in a handle's memory."""
@@ -164,19 +165,20 @@ def _unbox_handle(_: Any, handle: Any, context: Any) -> Any:
 
 
 @extending.infer_getattr
-class _FieldTypes(templates.AttributeTemplate):  # type: ignore[misc]  # a class of unknown type
+class _FieldTypes(AttributeTemplate):  # type: ignore[misc]  # a class of unknown type
     """Numba's types of what compiled code reads from a handle."""
 
     key = HandleType
 
     def generic_resolve(self, kind: Any, name: str) -> Any:
+        """Type of the field of this name; None: there is no such field."""
         if name in kind.fields:
             return kind.fields[name].kind
         return kind if name == "content" else None
 
 
 @extending.lower_getattr_generic(HandleType)  # type: ignore[untyped-decorator]  # it has no types
-def read_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
+def _read_field(context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
     """Machine code that reads a field where it stands."""
     if name not in kind.fields:
         return address
@@ -207,15 +209,16 @@ def _read_array(context: Any, builder: Any, kind: Any, address: Any, start: int)
         strides = [read(start + 1 + kind.ndim + axis) for axis in range(kind.ndim)]
     # Nulls are left of what would name an owner.
     value = context.get_constant_null(kind)
+    find_place = context.data_model_manager[kind].get_field_position
     for name, part in (
         ("data", read(start, types.CPointer(kind.dtype))),
         ("nitems", items),
         ("itemsize", itemsize),
-        ("shape", cgutils.pack_array(builder, shape)),
-        ("strides", cgutils.pack_array(builder, strides)),
     ):
-        place = context.data_model_manager[kind].get_field_position(name)
-        value = builder.insert_value(value, part, place)
+        value = builder.insert_value(value, part, find_place(name))
+    for name, numbers in (("shape", shape), ("strides", strides)):
+        for axis, part in enumerate(numbers):
+            value = builder.insert_value(value, part, [find_place(name), axis])
     return value
 
 

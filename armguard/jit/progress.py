@@ -12,12 +12,9 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from numba.core import event as numba_event
+from armguard.jit.collection import pause_collection
 
-# Numba's functions are untyped: they are called as anything is.
-event: Any = numba_event
-
-USUAL = 210
+USUAL = 150
 """About how many kernels a first start compiles; `benchmarks/bench_start.py` counts them."""
 
 COMPILING = "compiling kernel"
@@ -84,16 +81,16 @@ def show_on_terminal(progress: Progress | Work | None) -> None:
             sys.stderr.flush()
 
 
-class Compilation(event.Listener):  # type: ignore[misc]  # a class of unknown type
-    """Counts the kernels that are compiled, and those that Numba compiles for them.
+class Compilation:
+    """Counts the kernels that are compiled, and times them.
 
     Args:
-        tell: What is told of it.
+        tell: Called with the progress.
         clock: In [s].
 
     Attributes:
-        tell: What is told of it; None: nothing.
-        count: Kernels so far.
+        tell: Called with the progress; None: nothing is reported.
+        count: Kernels that were compiled so far. A kernel that is read from a cache does not count.
     """
 
     def __init__(
@@ -104,42 +101,66 @@ class Compilation(event.Listener):  # type: ignore[misc]  # a class of unknown t
         self._clock = clock
         self._depth = 0
         self._before = 0.0
-        """What earlier compilations took, in [s]."""
+        """Duration of earlier compilations, in [s]."""
         self._since = self._told_at = 0.0
         self._has_told = False
 
-    def on_start(self, what: Any) -> None:
-        """Called when a function begins to be compiled, perhaps for another one."""
-        function = what.data["dispatcher"].py_func
-        # What an application compiles for itself is its own affair.
-        if self._depth == 0 and not str(function.__module__).startswith("armguard."):
-            return
+    def begin(self, name: str) -> None:
+        """Note that a kernel is compiled or read from a cache now, perhaps for another kernel."""
         now = self._clock()
         if self._depth == 0:
             self._since = now
         self._depth += 1
-        self.count += 1
         duration = self._before + now - self._since
         if self.tell and duration >= PATIENCE and now >= self._told_at + INTERVAL:
-            self.tell(Progress(self.count, function.__name__, duration))
+            self.tell(Progress(self.count + self._depth, name, duration))
             self._has_told, self._told_at = True, now
 
-    def on_end(self, what: Any) -> None:
-        """Called when that is done."""
-        if self._depth == 0:
-            return
+    def end(self, is_compiled: bool) -> None:
+        """Note that the kernel is there, or that its compilation has failed.
+
+        Args:
+            is_compiled: False: it was read from a cache.
+        """
         self._depth -= 1
+        self.count += is_compiled
         if self._depth == 0:
-            self._before += self._clock() - self._since
+            if is_compiled:
+                self._before += self._clock() - self._since
             if self._has_told and self.tell:
                 self.tell(None)
             self._has_told = False
 
 
 compilation = Compilation()
-"""That of this process."""
+"""The compilation of this process."""
 
-event.register("numba:compile", compilation)
+
+def follow(compiled: Any) -> None:
+    """Count, report and time what Numba compiles of a function, and collect no garbage meanwhile.
+
+    Args:
+        compiled: Numba's dispatcher of the function.
+    """
+    compile_at_once = compiled.compile
+
+    def compile_followed(kinds: Any) -> Any:
+        if isinstance(kinds, tuple) and kinds in compiled.overloads:
+            return compiled.overloads[kinds].entry_point
+        before = _count_misses(compiled)
+        compilation.begin(compiled.py_func.__name__)
+        try:
+            with pause_collection():
+                return compile_at_once(kinds)
+        finally:
+            compilation.end(_count_misses(compiled) > before)
+
+    compiled.compile = compile_followed
+
+
+def _count_misses(compiled: Any) -> int:
+    """How often a function was compiled because no cache had it."""
+    return sum(compiled.stats.cache_misses.values())
 
 
 @contextlib.contextmanager

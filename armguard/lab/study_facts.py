@@ -16,7 +16,7 @@ from armguard.recording.provenance import describe_software
 Tell = Callable[[str, float], None]
 """Is told what is done, and which share of that is done."""
 
-VERSIONS = ("armguard", "numpy", "numba", "llvm", "pinocchio", "python")
+VERSIONS = ("armguard", "numpy", "numba", "llvmlite", "pinocchio", "python")
 """What a page names the versions of."""
 
 

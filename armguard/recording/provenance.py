@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
 import msgspec
 import pinocchio
 from numba import __version__ as numba_version
@@ -36,7 +35,7 @@ NAMES = {
     "processor_features": "another processor",
     "machine": "another machine",
     "numba": "another compiler (numba)",
-    "llvm": "another compiler (LLVM)",
+    "llvmlite": "another compiler (llvmlite)",
     "numpy": "another version of NumPy",
     "pinocchio": "another version of Pinocchio",
     "python": "another version of Python",
@@ -51,20 +50,28 @@ def describe_provenance(robot: Robot) -> dict[str, str]:
 
 def describe_software() -> dict[str, str]:
     """What verdicts of this process rest on whatever the robot, by the names of `NAMES`."""
-    features = sorted(llvmlite.binding.get_host_cpu_features().items())
-    version = ".".join(map(str, llvmlite.binding.llvm_version_info))
+    model, flags = _describe_processor()
     return {
         "armguard": importlib.metadata.version("armguard"),
         "sources": digest_package(PACKAGE),
-        "processor": config.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
-        "processor_features": config.CPU_FEATURES or _digest(repr(features).encode()),
+        "processor": config.CPU_NAME or model,
+        "processor_features": config.CPU_FEATURES or _digest(flags.encode()),
         "machine": f"{platform.system()} {platform.machine()}",
         "numba": numba_version,
-        "llvm": version,
+        "llvmlite": importlib.metadata.version("llvmlite"),
         "numpy": importlib.metadata.version("numpy"),
         "pinocchio": pinocchio.__version__,
         "python": platform.python_version(),
     }
+
+
+def _describe_processor() -> tuple[str, str]:
+    """Model of this machine's processor, and its features as far as the system lists them."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text().splitlines() if path.exists() else []
+    found = {name.strip(): value.strip() for name, _, value in (x.partition(":") for x in lines)}
+    model = found.get("model name") or platform.processor() or "unknown"
+    return model, found.get("flags") or found.get("Features") or ""
 
 
 def digest_robot(robot: Robot) -> dict[str, str]:

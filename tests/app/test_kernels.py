@@ -31,14 +31,8 @@ class Child:
 
     def __call__(self, arguments, env, check):
         assert describe_environment().items() <= env.items()
-        (self.folder / "kernels-a" / "parts").mkdir(parents=True)
-        for name in (
-            "kernel.nbi",
-            "kernel.1.nbc",
-            "kernel.lock",
-            "parts/part.nbi",
-            "parts/part.lock",
-        ):
+        (self.folder / "kernels-a" / "callees").mkdir(parents=True)
+        for name in ("one.kernel", "one.lock", "callees/one.kernel", "callees/one.lock"):
             (self.folder / "kernels-a" / name).write_bytes(500_000 * b" ")
         return subprocess.CompletedProcess(arguments, self.code)
 
@@ -57,11 +51,17 @@ def test_a_wheel_is_given_what_python_calls(tmp_path, monkeypatch, capsys, code)
         assert "x86-64-v3" in told.out
         assert "1.0 MB" in told.out
         kept = [path.name for path in folder.rglob("*") if path.is_file()]
-        assert sorted(kept) == ["kernel.1.nbc", "kernel.nbi"]
+        assert kept == ["one.kernel", "one.kernel"]
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
     (tmp_path / "kernels").write_text("in the way")
     monkeypatch.setattr(kernels, "CARRIED", tmp_path / "kernels")
     with pytest.raises(ArmguardError, match="kernels: cannot be written"):
+        kernels.run(carry=True)
+
+
+def test_kernels_that_no_start_could_use_are_not_carried(monkeypatch):
+    monkeypatch.setattr(kernels, "IS_FAST", False)
+    with pytest.raises(ArmguardError, match="--carry: needs the fast path"):
         kernels.run(carry=True)

@@ -2,29 +2,24 @@ import gc
 
 import pytest
 
-from armguard.jit.collection import CollectionPause
+from armguard.jit.collection import pause_collection
 
 
-@pytest.fixture
-def pause():
-    was_on = gc.isenabled()
-    yield CollectionPause()
-    gc.enable() if was_on else gc.disable()
+@pytest.mark.parametrize("is_on", [True, False])
+def test_nothing_is_collected_until_the_outermost_pause_ends(is_on):
+    was_on, found = gc.isenabled(), []
 
+    def fail():
+        with pause_collection():
+            with pause_collection():
+                found.append(gc.isenabled())
+            found.append(gc.isenabled())
+            raise ValueError("failed")
 
-def test_nothing_is_collected_until_the_last_compilation_is_done(pause):
-    gc.enable()
-    pause.on_start(None)
-    pause.on_start(None)
-    assert not gc.isenabled()
-    pause.on_end(None)
-    assert not gc.isenabled()
-    pause.on_end(None)
-    assert gc.isenabled()
-
-
-def test_who_turned_it_off_finds_it_off(pause):
-    gc.disable()
-    pause.on_start(None)
-    pause.on_end(None)
-    assert not gc.isenabled()
+    try:
+        gc.enable() if is_on else gc.disable()
+        with pytest.raises(ValueError, match="failed"):
+            fail()
+        assert [*found, gc.isenabled()] == [False, False, is_on]
+    finally:
+        gc.enable() if was_on else gc.disable()

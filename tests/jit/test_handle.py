@@ -49,14 +49,6 @@ def test_compiled_code_reads_and_writes_what_was_packed():
     assert add_up(handle, 2) == 100.0 + 11.0 + 12.0
 
 
-def test_numbers_are_as_they_were_when_packed():
-    content = make()
-    handle = pack(content._replace(inner=content.inner._replace(flag=False)))
-    assert add_up(handle, 0) == 5.0
-    handle = pack(content._replace(inner=content.inner._replace(flag=False, count=6)))
-    assert add_up(handle, 0) == 6.0
-
-
 def test_handles_of_equal_kinds_are_of_one_type():
     """Else kernels would compile anew in the tick that packs again."""
     add_up(pack(make()), 0)

@@ -72,16 +72,6 @@ def test_what_was_asked_for_longest_ago_goes_first(add, calls):
     assert [ask(number) for number in (1.0, 2.0)] == [False, True]
 
 
-def test_an_error_is_raised_each_time():
-    @keep_results(2)
-    def fail(array):
-        raise ValueError(f"has {len(array)}")
-
-    for _ in range(2):
-        with pytest.raises(ValueError, match="has 3"):
-            fail(np.zeros(3))
-
-
 def test_threads_get_the_same_answers(add):
     arrays, found = [np.array([float(k)]) for k in range(5)], []
 

@@ -1,5 +1,4 @@
 import sys
-from types import SimpleNamespace
 
 import pytest
 
@@ -32,14 +31,12 @@ class World:
         self.clock = Clock()
         self.compilation = Compilation(self.told.append, self.clock)
 
-    def begin(self, name="kernel", module="armguard.some"):
-        function = SimpleNamespace(__module__=module, __name__=name)
-        self.event = SimpleNamespace(data={"dispatcher": SimpleNamespace(py_func=function)})
-        self.compilation.on_start(self.event)
+    def begin(self, name="kernel"):
+        self.compilation.begin(name)
 
-    def end(self, duration=0.0):
+    def end(self, duration=0.0, is_compiled=True):
         self.clock.now += duration
-        self.compilation.on_end(self.event)
+        self.compilation.end(is_compiled)
 
 
 def test_what_takes_a_moment_is_not_told():
@@ -57,7 +54,7 @@ def test_what_takes_longer_is_told_with_its_number_and_ends():
     world.end(PATIENCE)
     world.clock.now += 1000.0
     world.begin("second")
-    world.begin("third", module="numba.cpython")
+    world.begin("third")
     world.clock.now += INTERVAL
     world.begin("fourth")
     for _ in range(3):
@@ -67,34 +64,16 @@ def test_what_takes_longer_is_told_with_its_number_and_ends():
         Progress(2, "second", PATIENCE), Progress(4, "fourth", pytest.approx(duration)), None
     ]  # fmt: skip
     world.begin("fifth")
-    assert world.compilation.count == 5
+    assert world.compilation.count == 4
 
 
-def test_what_an_application_compiles_is_its_own():
+def test_what_is_read_from_a_cache_does_not_count():
     world = World()
-    world.begin(module="numba.cpython")
-    world.begin(module="scene")
-    world.end(2.0 * PATIENCE)
-    world.end()
-    world.begin()
-    assert world.compilation.count == 1
+    for _ in range(5):
+        world.begin()
+        world.end(PATIENCE, is_compiled=False)
+    assert world.compilation.count == 0
     assert world.told == []
-
-
-def test_nothing_is_told_where_nobody_wants_to_know():
-    world = World()
-    world.compilation.tell = None
-    world.begin()
-    world.clock.now += 2.0 * PATIENCE
-    world.begin()
-    world.end()
-    world.end()
-    assert world.compilation.count == 2
-
-
-def test_the_number_never_exceeds_what_it_is_told_of():
-    assert str(Progress(12, "", 0.0)) == f"compiling kernel 12 of about {USUAL}"
-    assert str(Progress(1000, "", 0.0)) == "compiling kernel 1000 of about 1000"
 
 
 def test_it_is_shown_on_a_terminal_alone(capsys, monkeypatch):

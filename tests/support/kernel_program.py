@@ -8,7 +8,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-from armguard.jit.kernels import PACKAGE
+from armguard.jit.kernel_folder import PACKAGE
 
 ALONE = f"""
 import sys, types
@@ -23,7 +23,7 @@ long as the rest of such a process."""
 FORKING = f"""{ALONE}
 import io, json, os, traceback
 from contextlib import redirect_stderr, redirect_stdout
-from numba.core import config
+from numba import config
 import armguard.jit.kernels
 
 def run(code, environment):
