@@ -27,7 +27,12 @@ def make_message(stamp, position, *, body="ball", velocity=(0.0, 0.0, 0.0), radi
     """One obstacle, as a scene takes it down."""
     messages = []
     Notebook(messages, 0.0, pinocchio.SE3.Identity(), "eye").update(
-        [body], stamp, position, np.broadcast_to(velocity, np.shape(position)), radius=radius, **bounds
+        [body],
+        stamp,
+        position,
+        np.broadcast_to(velocity, np.shape(position)),
+        radius=radius,
+        **bounds,
     )
     return messages[0]
 
