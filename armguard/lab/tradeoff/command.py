@@ -9,9 +9,10 @@ from armguard.app import cli
 from armguard.app.cell.cell import Cell
 from armguard.app.terminal import make_console, print_json
 from armguard.exceptions import ArmguardError
-from armguard.lab.pages import PAGE, make_folder, write_report, write_table
+from armguard.lab.pages import PAGE, make_folder, write_files, write_report, write_table
 from armguard.lab.study_facts import list_facts, show_progress, tell_command
 from armguard.lab.tradeoff.ladder import AUTO, check_axes
+from armguard.lab.tradeoff.picture import PICTURE, can_draw, draw_price
 from armguard.lab.tradeoff.report import LEGEND, describe, tabulate
 from armguard.lab.tradeoff.scene import Site, find_published, make_scene
 from armguard.lab.tradeoff.study import run_study
@@ -67,10 +68,22 @@ def run(wishes: cli.Tradeoff) -> int:
     }
     facts |= list_facts(seed)
     data = describe(study, title, facts)
+    picture = ["A picture needs matplotlib, which `pip install 'armguard[plot]'` brings."]
+    if can_draw():
+        write_files(out, {PICTURE: draw_price(study)})
+        picture = [f"![What settings cost, against how cautious they are]({PICTURE})"]
     write_report(
         out,
         f"What accuracy costs: {title}",
-        ["## Settings", "", *(f"- {line}" for line in LEGEND), "", *write_table(*tabulate(study))],
+        [
+            *picture,
+            "",
+            "## Settings",
+            "",
+            *(f"- {line}" for line in LEGEND),
+            "",
+            *write_table(*tabulate(study)),
+        ],
         [
             f"Command: `{facts['command']}`",
             f"Scene: {title}, {study.seconds:g} s of it, seed {seed}",
