@@ -12,7 +12,6 @@ from pathlib import Path
 from playwright.sync_api import Page, sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
-NICE_CHROMIUM = Path(__file__).with_name("nice_chromium")
 FLAGS = [
     "--no-sandbox",
     "--use-gl=angle",

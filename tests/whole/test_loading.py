@@ -52,7 +52,7 @@ NOT_LOADED = (
     "armguard.pairs.hull_distance",
 )
 
-HEAVY = ("dask", "matplotlib", "mcap", "meshcat", "mujoco", "tornado")
+HEAVY = ("mcap", "meshcat", "mujoco", "tornado")
 """Libraries of others: the page's server, recordings, studies, bridges."""
 
 VIEW = ("armguard.app.view_feed", "armguard.robot.portable", "armguard.view.messages")
