@@ -174,8 +174,8 @@ class Edge:
         Inputs must be opened after the edge is made: arrival is counted from then on.
 
         Returns:
-            When this ended, in [s] of the monitor's clock; at the start, the joint state is fresh
-            at this time.
+            When the last input was left, in [s] of the monitor's clock, or when this began where
+            none had messages; at the start, the joint state is fresh at this time.
         """
         times, joints = self.times, self.joints
         last, now = times.drain_start, times.now()
