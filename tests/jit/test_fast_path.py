@@ -57,6 +57,22 @@ def test_what_a_part_raises_reaches_who_called_the_entry():
 
 
 @kernel
+def report(value):
+    print("value is", value)  # noqa: T201
+
+
+@kernel
+def report_twice(value):
+    report(value)
+    report(2.0 * value)
+
+
+def test_a_part_finds_its_constants(capsys):
+    report_twice(1.0)
+    assert capsys.readouterr().out == "value is 1.0\nvalue is 2.0\n"
+
+
+@kernel
 def scale(number, factor, negative):
     return -factor * number if negative else factor * number
 

@@ -155,12 +155,15 @@ def test_a_program_that_dies_is_a_failure(program):
 
 
 @BOTH
-def test_a_changed_source_of_a_called_kernel_is_compiled(program, jit):
+def test_a_changed_source_has_another_folder_of_kernels(program, jit):
     assert run(program, jit) == ["3.0", "0"]
     assert run(program, jit) == ["3.0", "1"]
     source = program.folder / "lib.py"
     source.write_text(source.read_text().replace("content[0]", "content[0] + 1.0"))
     assert run(program, jit) == ["4.0", "0"]
+    folders = {path.relative_to(program.cache).parts[0] for path in program.kept()}
+    assert len(folders) == 2
+    assert all(name.startswith("kernels-") for name in folders)
 
 
 @BOTH
