@@ -142,7 +142,7 @@ def _largest_displacement(
     for node in range(table.time.shape[0] - 1):
         set_span(table, node, node + 1, 1.0)
         displacement = displacement_in_box(
-            along[0], along[1], along[2], jacobian, lever, slope_error, table.box
+            (along[0], along[1], along[2]), jacobian, lever, slope_error, table.box
         )
         largest = max(largest, displacement)
     return largest

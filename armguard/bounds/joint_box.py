@@ -38,6 +38,9 @@ from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
+Vector = tuple[float, float, float]
+"""In the world."""
+
 ROOT_3 = 1.7320508075688774  # rounded up
 
 
@@ -105,14 +108,13 @@ def set_columns(px: float, py: float, pz: float, jacobian: FloatArray, box: Join
 
 @merged_kernel
 def _displacement_by_levers(
-    nx: float,
-    ny: float,
-    nz: float,
+    normal: Vector,
     lever: FloatArray,
     slope_error: FloatArray,
     box: JointBox,
 ) -> float:
     """The bound by the first two bounds on slopes; arguments as in `displacement_in_box`."""
+    nx, ny, nz = normal
     span, columns = box.span, box.columns
     beyond = moved = 0.0
     for j in range(lever.shape[0]):
@@ -146,10 +148,9 @@ def _displacement_by_levers(
 
 
 @kernel
-def _fill_slopes(
-    nx: float, ny: float, nz: float, jacobian: FloatArray, lever: FloatArray, box: JointBox
-) -> None:
+def _fill_slopes(normal: Vector, jacobian: FloatArray, lever: FloatArray, box: JointBox) -> None:
     """Fill `box.slope`, `box.second` and `box.ends` for a direction."""
+    nx, ny, nz = normal
     span, columns, slope, second, ends = box.span, box.columns, box.slope, box.second, box.ends
     count = lever.shape[0]
     for i in range(count):
@@ -179,16 +180,14 @@ def _fill_slopes(
 
 @kernel
 def _displacement_by_second_derivatives(
-    nx: float,
-    ny: float,
-    nz: float,
+    normal: Vector,
     jacobian: FloatArray,
     lever: FloatArray,
     slope_error: FloatArray,
     box: JointBox,
 ) -> float:
     """The bound by the last bound on slopes; arguments as in `displacement_in_box`."""
-    _fill_slopes(nx, ny, nz, jacobian, lever, box)
+    _fill_slopes(normal, jacobian, lever, box)
     total = rest = largest = 0.0
     # From the base to the tip: `wide` is the angle turned up to joint i.
     wide = 0.0
@@ -220,31 +219,27 @@ def _displacement_by_second_derivatives(
 
 @kernel
 def displacement_in_box(
-    nx: float,
-    ny: float,
-    nz: float,
+    normal: Vector,
     jacobian: FloatArray,
     lever: FloatArray,
     slope_error: FloatArray,
     box: JointBox,
 ) -> float:
-    """Bound on the displacement along n of a point while joints stay in `box.span`.
+    """Bound on the displacement along a unit vector n of a point while joints stay in `box.span`.
 
     `box.columns` are the point's. `jacobian`, (6, nv), is as for them; `lever` and
     `slope_error`, (nv,), are R_i and E_i.
     """
     return min(
-        _displacement_by_levers(nx, ny, nz, lever, slope_error, box),
-        _displacement_by_second_derivatives(nx, ny, nz, jacobian, lever, slope_error, box),
+        _displacement_by_levers(normal, lever, slope_error, box),
+        _displacement_by_second_derivatives(normal, jacobian, lever, slope_error, box),
     )
 
 
 @merged_kernel
 def stays_within(
     room: float,
-    nx: float,
-    ny: float,
-    nz: float,
+    normal: Vector,
     jacobian: FloatArray,
     lever: FloatArray,
     slope_error: FloatArray,
@@ -254,9 +249,9 @@ def stays_within(
 
     The other arguments are those of `displacement_in_box`, whose cheaper half is tried first.
     """
-    if room > _displacement_by_levers(nx, ny, nz, lever, slope_error, box):
+    if room > _displacement_by_levers(normal, lever, slope_error, box):
         return True
     found: bool = room > _displacement_by_second_derivatives(
-        nx, ny, nz, jacobian, lever, slope_error, box
+        normal, jacobian, lever, slope_error, box
     )
     return found

@@ -24,7 +24,7 @@ from armguard.bounds.free_body import (
     saturation_time,
     top_speed,
 )
-from armguard.bounds.joint_box import set_columns, stays_within
+from armguard.bounds.joint_box import Vector, set_columns, stays_within
 from armguard.bounds.joint_table import JointTable, set_span
 from armguard.contact.bodies import Hull
 from armguard.contact.gjk import nearest_on_hull
@@ -34,10 +34,6 @@ from armguard.jit.numerics import SUM_ROUNDING, TABLE_END_SLACK
 
 HALVINGS = 3
 """How often the step of the table in which it ends is halved."""
-
-
-Vector = tuple[float, float, float]
-"""In the world."""
 
 
 class ArmSphere(NamedTuple):
@@ -130,7 +126,6 @@ def _is_interval_free(
     `table.box.columns` are the sphere's.
     """
     x, y, z, jacobian, lever, slope_error = sphere
-    nx, ny, nz = normal
     first, last, part = interval
     start = table.time[first]
     end = start + part * (table.time[last] - start)
@@ -138,7 +133,7 @@ def _is_interval_free(
     age = hull.bounds.age
     room = obstacle_room(normal, (x, y, z), hull, age + start, age + end)
     room -= contact_distance * (1.0 + SUM_ROUNDING)
-    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, slope_error, table.box)
+    is_free: bool = stays_within(room, normal, jacobian, lever, slope_error, table.box)
     return is_free
 
 

@@ -52,7 +52,7 @@ class Question:
             pinocchio.computeJointJacobians(self.model, self.data, self.start)
         ).reshape(6, -1)
         set_columns(*self.place(self.start), self.jacobian, self.box)
-        self.given = *self.along, self.jacobian, self.lever, self.error, self.box
+        self.given = tuple(self.along), self.jacobian, self.lever, self.error, self.box
         return displacement_in_box(*self.given)
 
     def find_furthest(self, random, tries):
@@ -84,9 +84,8 @@ def test_no_configuration_in_the_box_is_further(question, size, error):
         most = question.lever @ np.maximum(high, -low)
         assert bound <= most * (1.0 + 1e-9)
         # What is said of it in two steps agrees.
-        x, y, z, *rest = question.given
-        assert stays_within(bound + 1e-9 * most, x, y, z, *rest)
-        assert not stays_within(bound - 1e-9 * most, x, y, z, *rest)
+        assert stays_within(bound + 1e-9 * most, *question.given)
+        assert not stays_within(bound - 1e-9 * most, *question.given)
         tightest = min(tightest, (bound - furthest) / most)
     assert tightest < 0.05 + 3.0 * size + 10.0 * error
 

@@ -15,12 +15,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from armguard.bounds.joint_box import stays_within
+from armguard.bounds.joint_box import Vector, stays_within
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
     PlannedCourse,
-    Vector,
     find_center,
     set_slab,
 )
@@ -120,9 +119,8 @@ def _is_sphere_free(
         return False
     # Columns are of a point whose place was rounded.
     room -= SUM_ROUNDING * (abs(center[0]) + abs(center[1]) + abs(center[2]))
-    nx, ny, nz = normal
     jacobian, lever = course.jacobian[slab], arm.lever[node]
-    is_free: bool = stays_within(room, nx, ny, nz, jacobian, lever, arm.exact, arm.box)
+    is_free: bool = stays_within(room, normal, jacobian, lever, arm.exact, arm.box)
     return is_free
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from armguard.bounds.joint_box import JointBox, set_columns
+from armguard.bounds.joint_box import JointBox, Vector, set_columns
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.robot.kinematics import SphereTree
-
-Vector = tuple[float, float, float]
 
 BLOCK = 8
 """Slabs that are evaluated together first."""

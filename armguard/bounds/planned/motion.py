@@ -245,7 +245,7 @@ class PlannedMotion:
             x, y, z = course.placement[slab, joint] @ np.append(local, 1.0)
             set_slab(self._arm, course, slab, (x, y, z))
             given = course.jacobian[slab], lever, self._arm.exact, self._arm.box
-            moved = displacement_in_box(*along, *given)
+            moved = displacement_in_box(tuple(along), *given)
             largest = max(largest, float(along @ [x, y, z]) - origin + moved)
         return largest
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio
 
-from armguard.bounds.planned.course import BLOCK, ArmShape, Vector, find_center
+from armguard.bounds.joint_box import Vector
+from armguard.bounds.planned.course import BLOCK, ArmShape, find_center
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
