@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +48,6 @@ from armguard.obstacles.frames import Frame
 from armguard.obstacles.message import MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
-from armguard.obstacles.settings import ObstacleSettings
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
@@ -77,6 +76,22 @@ for _field, _name in enumerate(rule.FIELDS):
     _KINDS[rule.NOT_FINITE + _field] = (FaultKind.NOT_FINITE, _name)
     _KINDS[rule.NEGATIVE + _field] = (FaultKind.NEGATIVE, _name)
     _KINDS[rule.TOO_LARGE + _field] = (FaultKind.BOUND_TOO_LARGE, _name)
+
+
+class ObstacleSettings(NamedTuple):
+    """What a table of obstacles was made with."""
+
+    accel: float
+    """Where a message gives none and no pattern fits, in [m]/[s]²."""
+    speed: float
+    """Where a message gives none and no pattern fits, in [m]/[s]."""
+    sources: tuple[Source, ...] | None
+    """Those that were named; None: sources are to come, of which none was."""
+    frames: dict[str, Frame]
+    extent: float
+    """[m]."""
+    bounds: tuple[tuple[str, float, float], ...]
+    """Pattern of ids, acceleration and speed."""
 
 
 class ObstacleCountError(ObstacleError):

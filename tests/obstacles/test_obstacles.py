@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from armguard.exceptions import ObstacleError
 from armguard.messages.batch import ObstacleBatch
-from armguard.obstacles import FaultKind, Frame, Obstacles
+from armguard.obstacles import FaultKind, Frame, Obstacles, Source
 from support.obstacle_samples import check_invariants, kinds, see
 
 INF = math.inf
@@ -175,6 +175,22 @@ def test_a_message_that_adds_none_is_taken_whatever_the_limit():
     assert obstacles.take(batch._replace(stamp=1.1), limit=2)
     jump = batch._replace(stamp=1.2, position=positions + 1.0)
     assert not obstacles.take(jump, limit=2), "it says that samples were refused"
+
+
+def test_settings_are_those_that_it_was_made_with():
+    frame = Frame([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, 3.0], 0.01)
+    source = Source("camera", timeout=0.5)
+    bounds = [("hand*", 20.0, 3.0)]
+    settings = Obstacles(
+        5.0, 1.5, [source], frames={"tilted": frame}, extent=50.0, bounds=bounds
+    ).settings
+    assert (settings.accel, settings.speed, settings.extent) == (5.0, 1.5, 50.0)
+    assert settings.sources == (source,)
+    assert settings.bounds == (("hand*", 20.0, 3.0),)
+    assert list(settings.frames) == ["tilted"]
+    assert settings.frames["tilted"].rotation.tobytes() == frame.rotation.tobytes()
+    assert Obstacles().settings.sources is None
+    assert Obstacles(sources=[]).settings.sources == ()
 
 
 # Removing
