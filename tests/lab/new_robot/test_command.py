@@ -274,7 +274,7 @@ def drop(folder):
         (two_links, ["--yes", "--acceleration", "nan"], "--acceleration nan: is 'nan'"),
         (two_links, ["--yes", "--acceleration", "-3"], "-3"),
         (two_links, ["--yes", "--acceleration", "elbow=3"], "names 'elbow'"),
-        (two_links, ["--yes", "--acceleration", 1, "--deceleration", 2], "exceeds acceleration"),
+        (two_links, ["--yes", "--acceleration", 1, "--deceleration", 2], "no harder a stop"),
         (two_links, ["--yes", "--load", "nan"], "--load nan"),
         (two_links, ["--yes", "--position", "shoulder=2:1"], "lower < upper"),
         (two_links, ["--yes", "--joints", "elbow"], "--joints elbow: names 'elbow'"),
@@ -283,7 +283,7 @@ def drop(folder):
         (
             two_links,
             ["--yes", "--collision-from-visual", "hand"],
-            "link 'hand': is not in the URDF",
+            "link 'hand': is not in the model file",
         ),
         (two_links, ["--yes", "--collision-from-visual", "upper"], "collision geometry of its own"),
         (two_links, ["--yes", "--package-dirs", "none"], "--package-dirs none: is not a folder"),
