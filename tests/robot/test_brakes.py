@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armguard.exceptions import RobotError
-from armguard.robot import Robot
 from armguard.robot.brakes import (
     BrakeEntry,
     Brakes,
@@ -20,7 +19,7 @@ from armguard.robot.brakes import (
     scale_within_range,
 )
 from armguard.robot.description import read_description
-from support.urdf_arms import brakes_for, limits_for, two_links
+from support.urdf_arms import brakes_for, limits_for
 
 
 def row(load=1.0, speed=1.0, **values):
@@ -189,18 +188,6 @@ def test_the_fastest_that_rests_in_time_does_and_a_faster_one_does_not(load, wit
     faster = fastest * (1.0 + 1e-9) + 1e-9
     if faster < curves.speed[0, -1]:
         assert rest_time(find_stop(curves, 0, faster), faster) > within
-
-
-def test_assigned_decelerations_count_at_every_speed_and_load(tmp_path):
-    robot = Robot.from_urdf(two_links(tmp_path), limits=limits_for("shoulder"))
-    assert robot.braking_deceleration.tolist() == [2.0]
-    assert robot.brakes.most_payload == 1.0
-    robot.braking_deceleration = np.array([3.0])
-    assert robot.braking_deceleration.tolist() == [3.0]
-    assert tuple(find_stop(robot.brakes.make_curves(1000.0), 0, 1e9)) == (3.0, np.inf, np.inf)
-    assert robot.source("shoulder", "braking") == "a test"
-    with pytest.raises(ValueError, match="read-only"):
-        robot.braking_deceleration[0] = 1.0
 
 
 def test_a_scale_within_the_range_leaves_room_for_speeding_up():

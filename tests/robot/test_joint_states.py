@@ -22,15 +22,6 @@ def states():
     return JointStates(panda(), TIMEOUT)
 
 
-@pytest.mark.parametrize(
-    "wrap", [np.array, list, tuple, lambda a: np.array(a)[::-1][::-1], lambda a: np.float32(a)]
-)
-def test_numbers_are_taken_in_any_container(states, wrap):
-    assert receive(states, 1.0, wrap(HOME), wrap(STILL), 1.0) is None
-    assert states.q == pytest.approx(HOME, rel=1e-6)
-    assert receive(states, 1.001, wrap(HOME), [0] * 7, 1.001) is None
-
-
 @pytest.mark.parametrize(("joint", "sign"), list(itertools.product(range(7), (1.0, -1.0))))
 def test_limits_hold_up_to_their_errors_and_no_further(joint, sign):
     robot = panda()

@@ -8,9 +8,7 @@ import pytest
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import RobotError
 from armguard.robot.mjcf import read_mjcf
-from armguard.robot.model_file import is_mjcf, read_model
 from support.mjcf_arms import write_mjcf
-from support.urdf_arms import two_links
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -130,14 +128,3 @@ def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(RobotError, match=r"not installed; pip install 'armguard\[mujoco\]'"):
         read_mjcf(path)
-
-
-def test_the_root_element_tells_formats_apart(tmp_path):
-    mjcf, urdf = write_mjcf(tmp_path), two_links(tmp_path)
-    assert is_mjcf(mjcf)
-    assert list(read_model(mjcf).model.names)[1:3] == ["pan", "lift"]
-    assert list(read_model(urdf).model.names)[1:] == ["shoulder"]
-    broken = tmp_path / "broken.xml"
-    broken.write_text("<mujoco")
-    for path in (urdf, broken, tmp_path, tmp_path / "none.xml"):
-        assert not is_mjcf(path)

@@ -125,6 +125,7 @@ class Watcher:
             while not ended() and not reader.poll(round(1000 * REFRESH)):
                 pass
             self._waiting = None
+        self._console.print("the arm is watched; Ctrl-C ends the demo with a summary")
         while not ended():
             time.sleep(REFRESH)
 
