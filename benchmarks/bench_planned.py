@@ -29,7 +29,6 @@ from armguard.bounds import (
     BrakingMotion,
     CheckedPlan,
     JointMotion,
-    JointTable,
     Plan,
     PlannedCourse,
     PlannedMotion,
@@ -38,6 +37,7 @@ from armguard.bounds import (
     check_plan,
     table_contact_time,
 )
+from armguard.bounds.joint_table import JointTable
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.bodies import Bounds, Hull
 from armguard.obstacles import Obstacles

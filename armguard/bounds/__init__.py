@@ -9,9 +9,8 @@ limits), `BrakingMotion` (while the arm brakes), `PlannedMotion` (while it follo
 from typing import TYPE_CHECKING
 
 from armguard.bounds.braking import BrakingMotion
-from armguard.bounds.isotropic import IsotropicMotion, free_advance
+from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
-from armguard.bounds.joint_table import JointTable
 from armguard.bounds.model import MotionModel
 from armguard.bounds.reach import ReachMotion
 from armguard.bounds.sums import compute_levers
@@ -20,7 +19,6 @@ from armguard.lazy import lazy_names
 
 if TYPE_CHECKING:
     from armguard.bounds.planned.check import check_plan
-    from armguard.bounds.planned.contact import PlannedContact
     from armguard.bounds.planned.course import PlannedCourse
     from armguard.bounds.planned.motion import PlannedMotion
     from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal
@@ -31,7 +29,6 @@ else:
         {
             "CheckedPlan": "armguard.bounds.planned.plan",
             "Plan": "armguard.bounds.planned.plan",
-            "PlannedContact": "armguard.bounds.planned.contact",
             "PlannedCourse": "armguard.bounds.planned.course",
             "PlannedMotion": "armguard.bounds.planned.motion",
             "Refusal": "armguard.bounds.planned.plan",
@@ -46,10 +43,8 @@ __all__ = [
     "CheckedPlan",
     "IsotropicMotion",
     "JointMotion",
-    "JointTable",
     "MotionModel",
     "Plan",
-    "PlannedContact",
     "PlannedCourse",
     "PlannedMotion",
     "ReachMotion",
@@ -57,7 +52,6 @@ __all__ = [
     "append_stop",
     "check_plan",
     "compute_levers",
-    "free_advance",
     "stop_on_path",
     "table_contact_time",
 ]

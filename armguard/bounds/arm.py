@@ -14,7 +14,6 @@ from armguard.bounds.braking import BrakingMotion
 from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
 from armguard.bounds.reach import ReachMotion
-from armguard.bounds.sums import compute_sphere_levers
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
@@ -54,18 +53,15 @@ class ArmMotion:
         with_plans: bool = False,
         in_force: LimitsInForce | None = None,
     ) -> None:
-        lever = compute_sphere_levers(robot)
-        self.isotropic = IsotropicMotion(robot, base_placement, lever=lever, operating=in_force)
+        self.isotropic = IsotropicMotion(robot, base_placement, operating=in_force)
         self.reach = ReachMotion(robot, base_placement)
-        self.joint = JointMotion(robot, base_placement, lever=lever, operating=in_force)
-        self.braking = BrakingMotion(
-            robot, reaction_time, base_placement, lever=lever, operating=in_force
-        )
+        self.joint = JointMotion(robot, base_placement, operating=in_force)
+        self.braking = BrakingMotion(robot, reaction_time, base_placement, operating=in_force)
         self.planned: PlannedMotion | None = None
         if with_plans:
             from armguard.bounds.planned.motion import PlannedMotion
 
-            self.planned = PlannedMotion(robot, base_placement, lever=lever, in_force=in_force)
+            self.planned = PlannedMotion(robot, base_placement, in_force=in_force)
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

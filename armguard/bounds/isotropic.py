@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.model import check_question, check_vector, read_only
+from armguard.bounds.checks import check_vector, read_only
+from armguard.bounds.free_body import free_displacement
+from armguard.bounds.model import MotionModel, Question
 from armguard.bounds.sums import (
-    compute_levers,
     compute_sphere_levers,
     sum_accelerations,
     sum_levers,
@@ -40,7 +41,7 @@ class VelocityErrors(NamedTuple):
     """Errors at the joint velocity of the last filling, [m/s]. Shape (n,)."""
 
 
-class IsotropicMotion:
+class IsotropicMotion(MotionModel):
     """The plainest motion model: one acceleration and one speed bound for each sphere.
 
     It ignores the configuration, so its bounds are constants; all that a tick computes is how
@@ -66,7 +67,6 @@ class IsotropicMotion:
         robot: Robot,
         base_placement: pinocchio.SE3 | None = None,
         *,
-        lever: FloatArray | None = None,
         operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
         """Compute the levers and what follows from them; about a second for 1,000 spheres.
@@ -74,21 +74,16 @@ class IsotropicMotion:
         Args:
             robot: The arm, with its limits and errors.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
             operating: What joints keep to while the arm works; None: the robot's limits.
 
         Raises:
             ArmguardError: Operating limits do not fit the robot.
         """
-        self._robot = robot
+        super().__init__(robot, base_placement)
         self._in_force = put_in_force(robot, operating)
         self._revision = self._in_force.revision
-        self._data = robot.model.createData()
-        self._world_rotation: FloatArray = (
-            np.eye(3) if base_placement is None else np.array(base_placement.rotation)
-        )
         trees = [robot.cover.tree(link) for link in robot.links]
-        self.lever = compute_sphere_levers(robot) if lever is None else read_only(lever)
+        self.lever = compute_sphere_levers(robot)
         # Every point of a link is in one of the leaves, so these bound the whole of it.
         leaf = np.concatenate([tree.child_count for tree in trees]) == 0
         link_of = np.repeat(np.arange(len(trees)), [len(tree.spheres) for tree in trees])
@@ -151,45 +146,22 @@ class IsotropicMotion:
         self._fill_bounds()
         return grew
 
-    def advance(
-        self,
-        q: npt.ArrayLike,
-        v: npt.ArrayLike,
-        link: str,
-        point: npt.ArrayLike,
-        direction: npt.ArrayLike,
-        t: float,
-    ) -> float:
-        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
-
-        The displacement is counted from where the point truly is at the state's stamp. What that
-        place may be off by, `position_error`, belongs to the contact distance instead; the
-        velocity error is included. Arguments as in `MotionModel.advance`.
-
-        Raises:
-            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a negative
-                time, or a direction that is no unit vector.
-        """
-        robot = self._robot
-        joint_count = len(robot.velocity_limit)
-        position = check_vector("joint positions", q, joint_count)
-        velocity = check_vector("joint velocities", v, joint_count)
-        local, along = check_question(point, direction, t)
-        lever = compute_levers(robot, link, local[None])
+    def _bound(self, question: Question) -> float:
+        robot, velocity, lever = self._robot, question.v, question.lever
         fastest = np.maximum(self._in_force.velocity, np.abs(velocity))
         speed = float(sum_levers(lever, fastest)[0])
         accel = float(sum_accelerations(lever, fastest, robot.acceleration_limit)[0])
         rate, at_rest = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
         velocity_error = float((rate @ np.abs(velocity) + at_rest)[0])
 
-        pinocchio.forwardKinematics(robot.model, self._data, position, velocity)
-        joint = robot.joint_index(link)
-        spatial = self._data.v[joint]
-        point_velocity = self._world_rotation @ (
-            self._data.oMi[joint].rotation @ (spatial.linear + np.cross(spatial.angular, local))
+        pinocchio.forwardKinematics(robot.model, self._data, question.q, velocity)
+        spatial = self._data.v[question.joint]
+        point_velocity = self._data.oMi[question.joint].rotation @ (
+            spatial.linear + np.cross(spatial.angular, question.local)
         )
-        closing = float(along @ point_velocity) + velocity_error + SUM_ROUNDING * speed
-        return max(0.0, free_advance(min(speed, closing), accel, speed, float(t)))
+        closing = float(question.along @ point_velocity) + velocity_error + SUM_ROUNDING * speed
+        # Convex in t from 0 on, so what is above 0 bounds all times before.
+        return float(free_displacement(closing, accel, speed, question.t))
 
     def _fill_bounds(self) -> None:
         # Not the operating acceleration: where joint motions cancel, one that slows down as hard
@@ -202,34 +174,6 @@ class IsotropicMotion:
         np.maximum.at(
             self._surface_speed, self._leaf_link, sum_levers(self._leaf_lever, self._fastest)
         )
-
-
-def free_advance(closing: float, accel: float, speed: float, t: float) -> float:
-    """Displacement by time t of a body that closes in as hard as its bounds allow, in [m].
-
-    It may be negative: a body that moves away must first turn round. As a function of t it is
-    convex and starts at 0, so the larger of it and 0 bounds all times up to t. `free_body` has it
-    for compiled code, which rounds by the magnitudes that enter; this rounds by the result alone.
-
-    Args:
-        closing: Velocity along the direction, error included, in [m]/[s], <= speed.
-        accel: Acceleration bound, in [m]/[s²]; may be infinite.
-        speed: Speed bound, in [m]/[s]; may be infinite.
-        t: Time, in [s], >= 0.
-    """
-    if t == 0.0:
-        return 0.0
-    if not (closing < speed and accel < np.inf):
-        distance = speed * t
-    elif accel == 0.0:
-        distance = closing * t
-    else:
-        ramp = (speed - closing) / accel
-        if t <= ramp:
-            distance = closing * t + 0.5 * accel * t * t
-        else:
-            distance = 0.5 * (closing + speed) * ramp + speed * (t - ramp)
-    return distance + SUM_ROUNDING * abs(distance)
 
 
 @kernel

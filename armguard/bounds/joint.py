@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.checks import read_only
 from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint_box import displacement_in_box, set_columns
 from armguard.bounds.joint_table import JointTable, make_table, set_span
-from armguard.bounds.limits import check_state, find_flaw, read_limits, refuse_flaw
-from armguard.bounds.model import check_question, read_only
+from armguard.bounds.limits import read_limits, refuse_beyond
+from armguard.bounds.model import MotionModel, Question
 from armguard.bounds.sums import (
-    compute_levers,
     compute_sphere_levers,
     sum_levers,
     velocity_error_terms,
@@ -31,7 +28,7 @@ MOST_NODES = 300
 """Of the grid of a single question; a minute and a half from now any joint is anywhere."""
 
 
-class JointSpaceMotion(ABC):
+class JointSpaceMotion(MotionModel):
     """Displacements of all joints first, then of points of the arm.
 
     Attributes:
@@ -41,73 +38,65 @@ class JointSpaceMotion(ABC):
             errors, in [m]. Shape (n, nv).
         position_error: What a sphere's centre may be off by, in [m]; it belongs to the contact
             distance. Shape (n,).
+        table: Joint displacements, as `tabulate` filled it last.
     """
 
     interpolates: bool
     """Whether displacements are convex in time, so that tables may be interpolated."""
+    times: FloatArray
+    """Of the table's nodes, until they are filled, in [s] from now. Shape (nodes,)."""
+    free_time: float
+    """How long joints are free to move, in [s] from the stamp, before they brake."""
 
     def __init__(
         self,
         robot: Robot,
         base_placement: pinocchio.SE3 | None = None,
         *,
-        lever: FloatArray | None = None,
         operating: OperatingLimits | LimitsInForce | None = None,
     ) -> None:
-        self._robot = robot
+        """Compute the levers of all spheres.
+
+        Args:
+            robot: The arm.
+            base_placement: Placement of the robot's base in the world; None: they coincide.
+            operating: What joints keep to while the arm works; None: the robot's limits.
+
+        Raises:
+            ArmguardError: A limit of the robot is missing or unusable, or operating limits do not
+                fit it.
+        """
+        super().__init__(robot, base_placement)
         # The robot's own limits first, so that theirs are the errors that name what is unusable.
         self.limits = read_limits(robot)
         if operating is not None:
             self.limits = read_limits(robot, put_in_force(robot, operating))
-        self._data = robot.model.createData()
-        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
         model = robot.model
         numbers = [model.getJointId(joint) for joint in robot.joints]
         self._turning = np.array([not is_prismatic(model, number) for number in numbers])
-        self.lever = compute_sphere_levers(robot) if lever is None else read_only(lever)
+        self.lever = compute_sphere_levers(robot)
         slope_error, _ = velocity_error_terms(
             self.lever, robot.position_error, robot.velocity_error
         )
         self.slope_error = read_only(slope_error)
         self.position_error = read_only(sum_levers(self.lever, robot.position_error))
+        self.table = self._make_table(self.times.copy())
 
-    def advance(
-        self,
-        q: npt.ArrayLike,
-        v: npt.ArrayLike,
-        link: str,
-        point: npt.ArrayLike,
-        direction: npt.ArrayLike,
-        t: float,
-    ) -> float:
-        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
-
-        The displacement is counted from where the point truly is at the state's stamp. What that
-        place may be off by belongs to the contact distance instead; all else that joint errors do
-        is included. Arguments as in `MotionModel.advance`.
-
-        Raises:
-            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a state
-                beyond its limits, a negative time, or a direction that is no unit vector.
-        """
-        robot = self._robot
-        position, velocity = check_state(robot, self.limits, q, v)
-        local, along = check_question(point, direction, t)
-        lever = compute_levers(robot, link, local[None])
-        slope_error, _ = velocity_error_terms(lever, robot.position_error, robot.velocity_error)
-        jacobian = pinocchio.computeJointJacobians(robot.model, self._data, position)
+    def _bound(self, question: Question) -> float:
+        robot, t = self._robot, question.t
+        refuse_beyond(robot, self.limits, question.q, question.v)
+        slope_error, _ = velocity_error_terms(
+            question.lever, robot.position_error, robot.velocity_error
+        )
+        jacobian = pinocchio.computeJointJacobians(robot.model, self._data, question.q)
         jacobian = jacobian.reshape(6, -1)  # Pinocchio makes a vector of a single joint's.
-        place = self._data.oMi[robot.joint_index(link)].act(local)
+        place = self._data.oMi[question.joint].act(question.local)
         # Nodes that do not depend on t, and t: what is greatest over them never falls with t.
         nodes = grid(min(int(np.sqrt(t / GRID_STEP)) + 2, MOST_NODES))
         table = self._make_table(np.append(nodes[nodes < t], t))
-        self._fill(position, velocity, 0.0, self._free_time(), table)
-        along = self._base.rotation.T @ along
-        return float(_largest_displacement(along, place, jacobian, lever[0], slope_error[0], table))
-
-    @abstractmethod
-    def _free_time(self) -> float:
-        """How long joints are free to move, in [s] from the stamp, before they brake."""
+        self._fill(question.q, question.v, 0.0, self.free_time, table)
+        lever, along = question.lever[0], question.along
+        return float(_largest_displacement(along, place, jacobian, lever, slope_error[0], table))
 
     def _make_table(self, time: FloatArray) -> JointTable:
         return make_table(time, self._turning, self.limits.position_error, self.interpolates)
@@ -131,11 +120,6 @@ class JointSpaceMotion(ABC):
             )
         if not abs(age) < np.inf:
             raise ArmguardError("age", f"is {age} s", expected="finite")
-
-    def _check_tick(self, q: FloatArray, v: FloatArray, age: float) -> None:
-        """Refuse what a table cannot be filled for."""
-        self._check_shapes(q, v, age)
-        refuse_flaw(self._robot, self.limits, q, v, find_flaw(q, v, self.limits))
 
 
 def grid(nodes: int) -> FloatArray:
@@ -165,7 +149,7 @@ def _largest_displacement(
 
 
 SLICES = 32
-"""Steps of the table unless asked for others."""
+"""Steps of the table: more of them would see later contacts, and take longer."""
 
 END = 1.024
 """When the table ends, in [s] from now: by then an arm can be anywhere."""
@@ -179,35 +163,9 @@ class JointMotion(JointSpaceMotion):
     """
 
     interpolates = True
-
-    def __init__(
-        self,
-        robot: Robot,
-        base_placement: pinocchio.SE3 | None = None,
-        *,
-        slices: int = SLICES,
-        lever: FloatArray | None = None,
-        operating: OperatingLimits | LimitsInForce | None = None,
-    ) -> None:
-        """Compute the levers of all spheres.
-
-        Args:
-            robot: The arm.
-            base_placement: Placement of the robot's base in the world; None: they coincide.
-            slices: Steps of the table in time, at least 1: what is free of contact is proved step
-                by step, so more of them see later contacts and take longer; any number is safe.
-            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
-            operating: What joints keep to while the arm works; None: the robot's limits.
-
-        Raises:
-            ArmguardError: A limit of the robot is missing or unusable, operating limits do not fit
-                it, or `slices` is no whole number above 0.
-        """
-        if isinstance(slices, bool) or not isinstance(slices, int) or not slices >= 1:
-            raise ArmguardError("slices", f"is {slices!r}", expected="a whole number, at least 1")
-        super().__init__(robot, base_placement, lever=lever, operating=operating)
-        # Dense where displacements grow like t².
-        self.table = self._make_table(END * (np.arange(slices + 1) / slices) ** 2.0)
+    # Dense where displacements grow like t².
+    times = END * (np.arange(SLICES + 1) / SLICES) ** 2.0
+    free_time = np.inf
 
     def tabulate(self, q: FloatArray, v: FloatArray, age: float) -> JointTable:
         """Fill the table of one tick.
@@ -224,9 +182,7 @@ class JointMotion(JointSpaceMotion):
             ArmguardError: A vector has the wrong length, the state is not finite or beyond its
                 limits by more than its errors, or the age is not finite.
         """
-        self._check_tick(q, v, age)
+        self._check_shapes(q, v, age)
+        refuse_beyond(self._robot, self.limits, q, v)
         self._fill(q, v, age, np.inf, self.table)
         return self.table
-
-    def _free_time(self) -> float:
-        return np.inf

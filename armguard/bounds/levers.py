@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.model import read_only
+from armguard.bounds.checks import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kept_results import keep_results
@@ -213,16 +213,12 @@ def _walk_inwards(
                 count = _slide(circles, count, travel[j, 0], travel[j, 1])
             else:
                 # Supports of all places, about this axis; the middle one is the reach about it.
-                single = count == 1
                 scale = max(scale, _bound_meridian(circles, count, tangents, corners, supports))
                 for k in range(supports.shape[0]):
                     supports[k] += SUM_ROUNDING * scale
                 levers[i, j] = supports[tangents.shape[0] // 2]
-                # Turned through all angles: one exact circle, or circles that enclose the solid.
-                if single and _is_point(circles[0]):
-                    _turn_point(circles)
-                else:
-                    count = _enclose(tangents, supports, circles)
+                # Turned through all angles: circles that enclose the solid.
+                count = _enclose(tangents, supports, circles)
             if j > 0:
                 _step(circles, count, steps[j])
 
@@ -257,13 +253,6 @@ def _is_point(circle: FloatArray) -> bool:
 
 
 @kernel
-def _turn_point(circles: FloatArray) -> None:
-    """One point turns into exactly one circle."""
-    x, y = circles[0, 0, 0], circles[0, 0, 1]
-    _set_circle(circles[0], math.sqrt(x * x + y * y) * (1.0 + SUM_ROUNDING), circles[0, 0, 2])
-
-
-@kernel
 def _enclose(tangents: FloatArray, supports: FloatArray, circles: FloatArray) -> int:
     """Circles on which neighbouring tangents meet; how many there are."""
     count: int = tangents.shape[0] - 1
@@ -273,16 +262,10 @@ def _enclose(tangents: FloatArray, supports: FloatArray, circles: FloatArray) ->
         determinant = c1 * s2 - c2 * s1
         distance = (supports[k] * s2 - supports[k + 1] * s1) / determinant
         height = (c1 * supports[k + 1] - c2 * supports[k]) / determinant
-        _set_circle(circles[k], distance, height)
+        circles[k] = 0.0
+        circles[k, 0, 2] = height
+        circles[k, 1, 0] = circles[k, 2, 1] = distance
     return count
-
-
-@kernel
-def _set_circle(circle: FloatArray, distance: float, height: float) -> None:
-    circle[:] = 0.0
-    circle[0, 2] = height
-    circle[1, 0] = distance
-    circle[2, 1] = distance
 
 
 @kernel

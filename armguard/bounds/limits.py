@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armguard.bounds.model import check_vector
+from armguard.bounds.checks import check_vector
 from armguard.exceptions import ArmguardError, RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
@@ -75,14 +75,13 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
     )
     for j, joint in enumerate(robot.joints):
         where = f"joint {joint!r}"
-        for key in ("velocity", "acceleration"):
+        for key in ("velocity", "acceleration", "position_error", "velocity_error"):
             value = getattr(limits, key)[j]
-            if not 0.0 < value < np.inf:
+            if key.endswith("error"):
+                if not 0.0 <= value < np.inf:
+                    raise RobotError(where, f"{key} = {value}", expected="non-negative and finite")
+            elif not 0.0 < value < np.inf:
                 raise RobotError(where, f"{key} limit = {value}", expected="positive and finite")
-        for key in ("position_error", "velocity_error"):
-            value = getattr(limits, key)[j]
-            if not 0.0 <= value < np.inf:
-                raise RobotError(where, f"{key} = {value}", expected="non-negative and finite")
         lower, upper = limits.lower[j], limits.upper[j]
         slides = is_prismatic(robot.model, robot.model.getJointId(joint))
         if not (lower < upper and (not slides or -np.inf < lower < upper < np.inf)):
@@ -124,8 +123,13 @@ def check_state(
     """
     position = check_vector("joint positions", q, len(limits.lower))
     velocity = check_vector("joint velocities", v, len(limits.lower))
-    refuse_flaw(robot, limits, position, velocity, find_flaw(position, velocity, limits))
+    refuse_beyond(robot, limits, position, velocity)
     return position, velocity
+
+
+def refuse_beyond(robot: Robot, limits: JointLimits, q: FloatArray, v: FloatArray) -> None:
+    """Raise where `find_flaw` finds a joint beyond its limits."""
+    refuse_flaw(robot, limits, q, v, find_flaw(q, v, limits))
 
 
 @kernel

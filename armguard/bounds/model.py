@@ -1,18 +1,50 @@
-"""What every motion model is asked, and what it refuses to answer."""
+"""What every motion model is asked."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from typing import NamedTuple
 
-import numpy as np
 import numpy.typing as npt
+import pinocchio
 
-from armguard.exceptions import ArmguardError
+from armguard.bounds.checks import check_question, check_vector
+from armguard.bounds.sums import compute_levers
 from armguard.jit.arrays import FloatArray
+from armguard.robot.robot import Robot
 
 
-class MotionModel(Protocol):
-    """What a bound on the arm's motion answers."""
+class Question(NamedTuple):
+    """A joint state, and a point of the arm that moves from it along a direction."""
+
+    q: FloatArray
+    """Measured joint positions, in [rad] or [m]. Shape (nv,)."""
+    v: FloatArray
+    """Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+    joint: int
+    """That carries the point."""
+    local: FloatArray
+    """The point, in that joint's frame, in [m]. Shape (3,)."""
+    lever: FloatArray
+    """Its levers, as `compute_levers` has them. Shape (1, nv)."""
+    along: FloatArray
+    """Unit vector in the frame of the robot's base. Shape (3,)."""
+    t: float
+    """From the state's stamp, in [s]."""
+
+
+class MotionModel(ABC):
+    """A bound on the arm's motion.
+
+    Args:
+        robot: The arm.
+        base_placement: Placement of the robot's base in the world; None: they coincide.
+    """
+
+    def __init__(self, robot: Robot, base_placement: pinocchio.SE3 | None = None) -> None:
+        self._robot = robot
+        self._data = robot.model.createData()
+        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
 
     def advance(
         self,
@@ -25,6 +57,10 @@ class MotionModel(Protocol):
     ) -> float:
         """Bound on a point's displacement along a direction at every time in [0, t], in [m].
 
+        The displacement is counted from where the point truly is at the state's stamp. What that
+        place may be off by belongs to the contact distance instead; all else that joint errors do
+        is included.
+
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
@@ -35,51 +71,21 @@ class MotionModel(Protocol):
 
         Returns:
             Never negative, and never falling as t grows.
+
+        Raises:
+            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a negative
+                time, or a direction that is no unit vector; but for `IsotropicMotion` also a state
+                beyond its limits by more than its errors.
         """
-        ...
+        robot = self._robot
+        position = check_vector("joint positions", q, len(robot.velocity_limit))
+        velocity = check_vector("joint velocities", v, len(robot.velocity_limit))
+        local, along = check_question(point, direction, t)
+        lever = compute_levers(robot, link, local[None])
+        joint, along = robot.joint_index(link), self._base.rotation.T @ along
+        question = Question(position, velocity, joint, local, lever, along, float(t))
+        return max(0.0, self._bound(question))
 
-
-def check_vector(name: str, values: npt.ArrayLike, length: int) -> FloatArray:
-    """The values as float64, refused unless finite and of the right length."""
-    try:
-        vector = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArmguardError(name, f"are no numbers: {error}") from error
-    if not (np.shape(values) == (length,) and np.isfinite(vector).all()):
-        raise ArmguardError(
-            name,
-            f"have shape {np.shape(values)} or are not finite",
-            expected=f"{length} finite numbers",
-        )
-    return vector
-
-
-def read_only(array: FloatArray) -> FloatArray:
-    """A view of the same memory that cannot be written through."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
-
-
-def check_question(
-    point: npt.ArrayLike, direction: npt.ArrayLike, t: float
-) -> tuple[FloatArray, FloatArray]:
-    """The point and direction as float64.
-
-    Raises:
-        ArmguardError: A wrong shape, a value that is not finite, a direction that is no unit
-            vector, or a negative time.
-    """
-    local = check_vector("point", point, 3)
-    along = check_vector("direction", direction, 3)
-    if not abs(np.linalg.norm(along) - 1.0) <= 1e-9:
-        raise ArmguardError("direction", f"has length {np.linalg.norm(along)}", expected="1")
-    check_duration("t", t)
-    return local, along
-
-
-def check_duration(name: str, seconds: float) -> float:
-    """A time in [s], refused unless it is finite and not negative."""
-    if not 0.0 <= seconds < np.inf:
-        raise ArmguardError(name, f"is {seconds} s", expected="finite and not negative")
-    return float(seconds)
+    @abstractmethod
+    def _bound(self, question: Question) -> float:
+        """What `advance` says, where it is above 0."""

@@ -101,21 +101,18 @@ def keeps_operating_limits(
             slowest = max(slowest, -top)
         least, most = v[j] - velocity_error, v[j] + velocity_error
         allowance = ACCEPTANCE_SLACK * (abs(v[j]) + velocity_error) + accel * clock_slack
-        code, amount = KEPT, max(least, -most) - top
         finite = abs(q[j]) < math.inf and abs(v[j]) < math.inf
-        if not (finite and amount <= ACCEPTANCE_SLACK * (abs(v[j]) + velocity_error)):
-            code = TOO_FAST
-        else:
-            amount = max(least - fastest, slowest - most)
-            if not amount <= allowance:
-                code = TOO_HARD
-            else:
-                allowance = (
-                    ACCEPTANCE_SLACK * (abs(q[j]) + position_error) + 4.0 * top * clock_slack
-                )
-                amount = max(q[j] - position_error - highest, lowest - q[j] - position_error)
-                if not amount <= allowance:
-                    code = TOO_FAR
+        too_fast = max(least, -most) - top
+        too_hard = max(least - fastest, slowest - most)
+        too_far = max(q[j] - position_error - highest, lowest - q[j] - position_error)
+        room = ACCEPTANCE_SLACK * (abs(q[j]) + position_error) + 4.0 * top * clock_slack
+        code, amount = KEPT, 0.0
+        if not (finite and too_fast <= ACCEPTANCE_SLACK * (abs(v[j]) + velocity_error)):
+            code, amount = TOO_FAST, too_fast
+        elif not too_hard <= allowance:
+            code, amount = TOO_HARD, too_hard
+        elif not too_far <= room:
+            code, amount = TOO_FAR, too_far
         if code != KEPT:
             if kept:
                 record.finding[0], record.finding[1], record.finding[2] = j, code, amount

@@ -13,13 +13,13 @@ so the obstacle alone moves.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.checks import read_only
 from armguard.bounds.levers import MOST_KEPT, bound_outlines, moving_joints
-from armguard.bounds.limits import check_state, read_limits
-from armguard.bounds.model import check_question, read_only
-from armguard.bounds.sums import compute_levers, sum_levers, widened_ranges
+from armguard.bounds.limits import read_limits, refuse_beyond
+from armguard.bounds.model import MotionModel, Question
+from armguard.bounds.sums import sum_levers, widened_ranges
 from armguard.cover.miniball import enclose_points
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kept_results import keep_results
@@ -28,7 +28,7 @@ from armguard.robot.joints import is_prismatic
 from armguard.robot.robot import Robot
 
 
-class ReachMotion:
+class ReachMotion(MotionModel):
     """Balls that links cannot leave, in the world.
 
     A ball is an obstacle's partner that stands still: with accelerations and speeds of 0, no
@@ -50,10 +50,8 @@ class ReachMotion:
         Raises:
             RobotError: A limit of the robot is missing or unusable.
         """
-        self._robot = robot
+        super().__init__(robot, base_placement)
         self._limits = read_limits(robot)
-        self._data = robot.model.createData()
-        self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
         balls = []
         for link in robot.links:
             tree = robot.cover.tree(link)
@@ -62,35 +60,16 @@ class ReachMotion:
         self.link_balls = read_only(np.array(balls))
         self.arm_ball = read_only(_enclose_balls(self.link_balls))
 
-    def advance(
-        self,
-        q: npt.ArrayLike,
-        v: npt.ArrayLike,
-        link: str,
-        point: npt.ArrayLike,
-        direction: npt.ArrayLike,
-        t: float,
-    ) -> float:
-        """Bound on a point's displacement along a direction at every time in [0, t], in [m].
-
-        How far the point can still go within its own ball, the same for every t; counted from
-        where the point truly is at the state's stamp. Arguments as in `MotionModel.advance`.
-
-        Raises:
-            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a state
-                beyond its limits, a negative time, or a direction that is no unit vector.
-        """
+    def _bound(self, question: Question) -> float:
+        """How far the point can still go within its own ball, the same for every t."""
         robot = self._robot
-        position, _ = check_state(robot, self._limits, q, v)
-        local, along = check_question(point, direction, t)
-        lever = compute_levers(robot, link, local[None])
-        joint = robot.joint_index(link)
-        ball = self._enclose(joint, np.append(local, 0.0)[None])
-        pinocchio.forwardKinematics(robot.model, self._data, position)
-        place = self._base.act(self._data.oMi[joint].act(local))
-        missing = float(along @ (ball[:3] - place) + ball[3])
-        error = float(sum_levers(lever, robot.position_error)[0])
-        return max(0.0, missing + error + SUM_ROUNDING * float(np.abs(place).sum() + ball[3]))
+        refuse_beyond(robot, self._limits, question.q, question.v)
+        ball = self._enclose(question.joint, np.append(question.local, 0.0)[None])
+        pinocchio.forwardKinematics(robot.model, self._data, question.q)
+        place = self._base.act(self._data.oMi[question.joint].act(question.local))
+        missing = float(self._base.rotation @ question.along @ (ball[:3] - place) + ball[3])
+        error = float(sum_levers(question.lever, robot.position_error)[0])
+        return missing + error + SUM_ROUNDING * float(np.abs(place).sum() + ball[3])
 
     def _enclose(self, joint: int, spheres: FloatArray) -> FloatArray:
         """A ball in the world for spheres that ride a joint, (n, 4) in its frame. Shape (4,)."""

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from armguard.bounds.checks import read_only
 from armguard.bounds.levers import bound_levers, moving_joints
-from armguard.bounds.model import read_only
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import SUM_ROUNDING
@@ -55,8 +55,7 @@ def compute_levers(robot: Robot, link: str, points: npt.ArrayLike) -> FloatArray
 def compute_sphere_levers(robot: Robot) -> FloatArray:
     """Levers of all sphere centres of the arm, in the order of `robot.links`; read-only.
 
-    They take about a second for 1,000 spheres: compute them once, and hand them to each motion
-    model of the arm.
+    They take about a second for 1,000 spheres, and next to nothing when they are asked for again.
 
     Returns:
         R_j of each sphere's centre, as `compute_levers` has it. Shape (n, nv).

@@ -89,6 +89,19 @@ def obstacle_room(normal: Vector, place: Vector, hull: Hull, start: float, end: 
 
 
 @merged_kernel
+def separating_direction(place: Vector, hull: Hull, ahead: float) -> Vector:
+    """From a place towards where a hull is headed by a time after its stamp, in [s]."""
+    x, y, z = place
+    points, velocities, count, bounds = hull
+    ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
+    # From then on the obstacle may be headed anywhere.
+    ahead = min(ahead, saturation_time(ux, uy, uz, bounds.accel, bounds.speed))
+    x, y, z = nearest_on_hull(x, y, z, points, velocities, count, ahead)
+    length = math.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+@merged_kernel
 def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     """A separating direction for the time of a node, from the middle of where the sphere can be."""
     x, y, z, _, lever, _ = sphere
@@ -100,14 +113,7 @@ def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
             x += table.box.columns[0, j] * middle
             y += table.box.columns[1, j] * middle
             z += table.box.columns[2, j] * middle
-    points, velocities, count, bounds = hull
-    ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
-    # Beyond that time the obstacle may be headed anywhere.
-    saturation = saturation_time(ux, uy, uz, bounds.accel, bounds.speed)
-    ahead = min(bounds.age + table.time[node], saturation)
-    x, y, z = nearest_on_hull(x, y, z, points, velocities, count, ahead)
-    length = math.sqrt(x * x + y * y + z * z)
-    return x / length, y / length, z / length
+    return separating_direction((x, y, z), hull, hull.bounds.age + table.time[node])
 
 
 @merged_kernel
@@ -137,7 +143,8 @@ def _is_interval_free(
 
 
 @kernel
-def _is_usable(hull: Hull, contact_distance: float) -> bool:
+def is_usable(hull: Hull, contact_distance: float) -> bool:
+    """Whether an obstacle is made of numbers that make sense."""
     accel, speed, velocity_error, age = hull.bounds
     return (
         hull.size >= 1
@@ -170,7 +177,7 @@ def is_free_to_end(
     """
     nodes = table.time.shape[0] - 1
     are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
-    if not (_is_usable(hull, contact_distance) and are_finite):
+    if not (is_usable(hull, contact_distance) and are_finite):
         return False
     normal = _aim(sphere, table, nodes, hull)
     for first in (0, nodes - 1):
@@ -208,7 +215,7 @@ def table_contact_time(
     time = table.time
     nodes = time.shape[0] - 1
     reached = free_until if free_until > 0.0 else 0.0
-    if not (_is_usable(hull, contact_distance) and reached < time[nodes]):
+    if not (is_usable(hull, contact_distance) and reached < time[nodes]):
         return reached
     # Begin at the step of the table up to which another proof reaches.
     first = 0

@@ -6,7 +6,6 @@ ARMGUARD_MOTIONS sets how many motions are tried in all; a million take a quarte
 import os
 
 import numpy as np
-import pinocchio
 import pytest
 
 from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, ReachMotion
@@ -16,9 +15,7 @@ from support.hostile_joints import (
     attack,
     chain_to,
     limits_of,
-    place_point,
     random_state,
-    set_slopes,
 )
 
 MOTIONS = int(os.environ.get("ARMGUARD_MOTIONS", "12000"))
@@ -43,24 +40,6 @@ def worst_ways(robot, q, v, link, point, direction, free, random):
         point, direction, free, TRIES, CLIMBS, CHECKS, worst, random,
     )  # fmt: skip
     return worst
-
-
-@pytest.mark.parametrize("name", ["panda", "tiago"])
-def test_the_adversary_knows_the_arm(name):
-    robot, random = load_arm(name), np.random.default_rng(0)
-    data = robot.model.createData()
-    for link in robot.links:
-        joint, chain = robot.joint_index(link), chain_to(robot, robot.joint_index(link))
-        _, point, direction = random_question(robot, random)
-        q, _ = random_state(robot, random)
-        inner, slope = np.empty((len(chain.column) + 1, 3)), np.zeros(len(q))
-        place = place_point(chain, q, point, inner).copy()
-        set_slopes(chain, q, direction, inner, slope)
-        jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
-        columns = jacobian[:3] + np.cross(jacobian[3:].T, place).T
-        columns[:, np.setdiff1d(np.arange(len(q)), chain.column)] = 0.0
-        np.testing.assert_allclose(place, data.oMi[joint].act(point), atol=1e-12)
-        np.testing.assert_allclose(slope, direction @ columns, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -42,24 +42,3 @@ def test_joints_that_brake_anyhow_never_leave_their_table():
     # They are hostile: bounds are reached.
     assert closest > 0.999
     assert at_rest > 0
-
-
-def test_all_joints_rest_by_the_stop_time():
-    random = np.random.default_rng(12)
-    for _ in range(5):
-        joints = draw_joints(random, BATCH)
-        limits, horizon = joints.limits, 0.02
-        for j in range(0, BATCH, 40):
-            own = type(limits)(*(
-                type(part)(*(one[j : j + 1] for one in part)) if isinstance(part, tuple)
-                else part[j : j + 1] for part in limits
-            ))  # fmt: skip
-            end = compute_stop_time(
-                joints.v[j : j + 1], own.velocity_error, own.operating_velocity,
-                own.acceleration, own.brakes, 0.0, horizon, 0.0, own.operating_acceleration,
-            )  # fmt: skip
-            single = type(joints)(own, *(part[j : j + 1] for part in joints[1:]))
-            times = np.array([end * (1.0 + 1e-9), end + 1.0])
-            for _ in range(3):
-                places = move(random, single, horizon, times)
-                assert abs(places[1, 0] - places[0, 0]) <= 1e-9

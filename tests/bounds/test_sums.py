@@ -22,7 +22,7 @@ def test_levers_of_spheres_are_those_of_each_link_in_turn(robot):
     assert begin == len(levers)
 
 
-def test_sums_agree_with_their_formulas(robot, motion):
+def test_sums_agree_with_their_formulas(robot, motion, models):
     v = np.linspace(-1.0, 1.0, 7)
     motion.update(v)
     order = np.arange(7)
@@ -38,3 +38,5 @@ def test_sums_agree_with_their_formulas(robot, motion):
         np.testing.assert_allclose(motion.accel[i], accel, rtol=1e-9)
         np.testing.assert_allclose(motion.velocity_error[i], error, rtol=1e-9)
         np.testing.assert_allclose(motion.position_error[i], lever @ robot.position_error)
+    for name in ("joint", "braking"):
+        np.testing.assert_array_equal(models[name].position_error, motion.position_error)

@@ -2,13 +2,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds import BrakingMotion, IsotropicMotion, JointMotion, table_contact_time
+from armguard.bounds import BrakingMotion, JointMotion, table_contact_time
 from armguard.bounds.table_time import ArmSphere, is_free_to_end, obstacle_room
-from armguard.contact.advancement import pair_contact_time
-from armguard.contact.bodies import Ball, Bounds, Hull
-from armguard.exceptions import ArmguardError
+from armguard.contact.bodies import Bounds, Hull
 from armguard.jit.numerics import TABLE_END_SLACK
-from armguard.robot import Kinematics
 from support.example_arms import load_arm
 from support.hostile_joints import (
     STEP,
@@ -150,33 +147,6 @@ def test_what_another_proof_has_shown_is_kept(robot, joint_motion):
         assert scene.time(joint_motion, table, 5.0) == 5.0
 
 
-def test_joint_bounds_are_later_than_those_of_a_free_point(robot, joint_motion):
-    random = np.random.default_rng(2)
-    isotropic, kinematics = IsotropicMotion(robot), Kinematics(robot)
-    later, ratio = 0, []
-    for _ in range(300):
-        q = random.uniform(robot.lower_position_limit, robot.upper_position_limit)
-        v = random.uniform(-0.3, 0.3, 7) * robot.velocity_limit
-        kinematics.compute(q, v)
-        isotropic.update(v)
-        jacobian = pinocchio.computeJointJacobians(kinematics.model, kinematics.data)
-        table = joint_motion.tabulate(q, v, 0.0)
-        i = kinematics.spheres.root[-3]
-        place, motion = kinematics.centers[i], kinematics.velocities[i]
-        away = random.normal(size=3)
-        points = pad([place + away * random.uniform(0.3, 0.8) / np.linalg.norm(away)])
-        hull = Hull(points, np.zeros((8, 3)), 1, Bounds(10.0, 2.0, 0.0, 0.0))
-        bounds = Bounds(isotropic.accel[i], isotropic.speed[i], isotropic.velocity_error[i], 0.0)
-        free = pair_contact_time(Ball(*place, *motion, bounds), hull, 0.2, 8)
-        lever, slope_error = joint_motion.lever[i], joint_motion.slope_error[i]
-        sphere = ArmSphere(*place, jacobian, lever, slope_error)
-        joint = table_contact_time(sphere, table, hull, 0.2, 0.0)
-        later += joint > free
-        ratio.append(joint / free)
-    assert later > 290
-    assert np.median(ratio) > 1.3
-
-
 @pytest.mark.parametrize("accel", [0.0, 5.0, np.inf])
 def test_a_body_that_breaks_its_speed_bound_may_go_on_as_fast_as_it_was_seen(accel):
     """In straight lines at its measured speed and its error, from before its stamp on."""
@@ -256,44 +226,6 @@ def test_nonsense_and_contact_are_contact_now(robot, joint_motion, change):
 def test_a_far_obstacle_is_free_to_the_end_of_the_table(robot, joint_motion):
     time = far_question(robot, joint_motion, points=pad([[40.0, 0.0, 0.5]]))
     assert time == pytest.approx(1.024)
-
-
-@pytest.mark.parametrize("enough", [0.011, 0.03, 0.11, 0.3])
-def test_no_more_is_proved_than_is_enough(robot, joint_motion, enough):
-    """Up to the next node of the table, by one direction where that will do."""
-    found = far_question(robot, joint_motion, points=pad([[40.0, 0.0, 0.5]]), enough=enough)
-    middle = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
-    time = joint_motion.tabulate(middle, np.zeros(7), 0.0).time
-    assert enough <= found <= time[time >= enough][0]
-
-
-def test_no_bound_on_acceleration_leaves_the_one_on_speed(robot, joint_motion):
-    slow = far_question(robot, joint_motion, accel=np.inf, speed=0.5)
-    fast = far_question(robot, joint_motion, accel=np.inf, speed=2.0)
-    assert 0.0 < fast < slow
-
-
-@pytest.mark.parametrize(
-    ("q", "v", "age"),
-    [
-        (np.full(7, np.nan), np.zeros(7), 0.0),
-        (np.full(7, -0.1), np.full(7, np.nan), 0.0),
-        (np.full(7, -0.1), np.full(7, np.inf), 0.0),
-        (np.full(7, -0.1), np.full(7, 9.0), 0.0),
-        (np.full(7, -9.0), np.zeros(7), 0.0),
-        (np.full(7, 0.5), np.zeros(7), 0.0),
-        (np.zeros(6), np.zeros(7), 0.0),
-        (np.zeros(7, np.float32), np.zeros(7), 0.0),
-        (np.full(7, -0.1), np.zeros(7), np.nan),
-        (np.full(7, -0.1), np.zeros(7), -np.inf),
-    ],
-)
-def test_states_that_cannot_be_are_refused(robot, joint_motion, q, v, age):
-    q = np.where(q == -0.1, np.clip(q, robot.lower_position_limit, -0.0), q) if len(q) == 7 else q
-    with pytest.raises(ArmguardError):
-        joint_motion.tabulate(q, v, age)
-    with pytest.raises(ArmguardError):
-        BrakingMotion(robot, REACTION).tabulate(q, v, age, HORIZON)
 
 
 @pytest.mark.parametrize("name", ["panda", "tiago"])

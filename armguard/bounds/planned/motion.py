@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
+from armguard.bounds.checks import check_question, read_only
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import read_limits
-from armguard.bounds.model import check_question, read_only
 from armguard.bounds.planned.check import PlanCheck, StopCheck
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, set_slab

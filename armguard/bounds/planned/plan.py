@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.bounds.model import read_only
+from armguard.bounds.checks import read_only
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel

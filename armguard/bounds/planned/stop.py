@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from armguard.bounds.model import check_duration
+from armguard.bounds.checks import check_duration
 from armguard.bounds.planned.curve import (
     evaluate_curve,
     find_top_speeds,
