@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.planned.check import PlanCheck, StopCheck
+from armguard.bounds.planned.check import PlanCheck
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import Following
@@ -172,8 +172,7 @@ class CommittedPieces:
         self.evaluated = 0
         self._joints = robot.joints
         self._scheduler = scheduler
-        self._check = PlanCheck(robot)
-        self._stop_check = StopCheck(robot, self._planned_motion().brakes)
+        self._check = PlanCheck(robot, self._planned_motion().brakes)
         self._following = Following(robot)
         self._latency = settings.latency
         self._margin = settings.margin
@@ -230,9 +229,6 @@ class CommittedPieces:
         checked = self._check.check(plan, now, tick.q, tick.v, now - tick.arm_age)
         if isinstance(checked, Refusal):
             return refuse_plan(*checked)
-        refusal = self._stop_check.check(checked)
-        if refusal is not None:
-            return refuse_plan(*refusal)
         first = max(now, checked.stamp)
         last = max(first, now + self._latency)
         # Covered ones need not be kept. But the new piece covers nothing of what the arm may do

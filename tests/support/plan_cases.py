@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio
 
 from armguard.bounds import Plan, append_stop
-from armguard.bounds.planned.placing import place_spheres
 from armguard.obstacles import Obstacles
 from support.hostile_joints import STEP
 
@@ -337,6 +336,12 @@ def all_pairs(obstacles, links):
     return (rows[:, None] * links + np.arange(links)).ravel()
 
 
+def place_spheres(arm, placement):
+    """Centres of all spheres of an arm whose joints are placed so. Shape (slabs, n, 3)."""
+    carriers = placement[:, arm.carrier]
+    return np.einsum("knij,nj->kni", carriers[..., :3], arm.local) + carriers[..., 3]
+
+
 def place_course(motion, course):
     """Centres of all spheres in the middle of each slab of a course. Shape (slabs, n, 3)."""
-    return place_spheres(motion._placed_arm, course.placement)
+    return place_spheres(motion._arm, course.placement)

@@ -12,34 +12,21 @@ Nothing is clamped or guessed. What is not within limits is refused.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armguard.bounds.planned import curve
-from armguard.bounds.planned.curve import CurvePeaks, evaluate_curve, find_excess
-from armguard.bounds.planned.following import (
-    FOLLOWED,
-    Straying,
-    describe_straying,
-    find_straying,
-)
-from armguard.bounds.planned.plan import (
-    CheckedPlan,
-    Plan,
-    PlanLimits,
-    Refusal,
-    make_example,
-    read_plan,
-    read_plan_limits,
-)
+from armguard.bounds.limits import JointLimits, read_limits
+from armguard.bounds.planned.curve import evaluate_curve, find_excess
+from armguard.bounds.planned.findings import ENDS, FINE, describe
+from armguard.bounds.planned.following import find_straying
+from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, make_example, read_plan
 from armguard.bounds.planned.stop import find_hard_stop
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import LIMIT_SLACK
-from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.robot import Robot
 from armguard.robot.wrap_angle import (
     align_turns,
@@ -48,47 +35,10 @@ from armguard.robot.wrap_angle import (
     unwrap,
 )
 
-ENDS = -1
-"""What `_judge_curve` can say beside what `find_excess` does: it does not end at rest."""
-
-
-class PlanErrors(NamedTuple):
-    """How far off the curve of a plan the arm may be by the controller's word. Shape (nv,) each."""
-
-    error: FloatArray
-    """[rad] or [m]."""
-    velocity_error: FloatArray
-    """[rad]/[s] or [m]/[s]; inf where none is stated."""
-
-
-class MeasuredState(NamedTuple):
-    """A joint state, and where on the plan the arm is to be by then."""
-
-    q: FloatArray
-    """[rad] or [m]. Shape (nv,)."""
-    v: FloatArray
-    """[rad]/[s] or [m]/[s]. Shape (nv,)."""
-    along: float
-    """[s]; negative: that long before it begins."""
-
-
-class Excess(NamedTuple):
-    """Where a curve is not within limits."""
-
-    kind: int
-    """FINE if nowhere; what else `find_excess` can say, or ENDS."""
-    joint: int
-    sample: int
-    """The one before."""
-    found: float
-    least: float
-    """What it may be at the least."""
-    most: float
-    """What it may be at the most."""
-
-
-ROOMS = 4
-"""Fields of a `CheckedPlan` from `deviation` on, which follow from its samples."""
+LONGEST_LEAD = 0.1
+"""How far ahead of now a plan may begin, in [s]."""
+LONGEST_LAG = 0.1
+"""How long ago it may have begun, in [s]."""
 
 
 class PlanCheck:
@@ -96,21 +46,18 @@ class PlanCheck:
 
     Args:
         robot: Whose limits and errors apply.
+        brakes: What must guarantee the stop that a plan carries; what is shared of that may change.
+            None: the plan may stop as hard as the robot's limits allow.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, brakes: BrakeCurves | None = None) -> None:
         self._robot = robot
-        limits = read_plan_limits(robot)
+        self._has_brakes = brakes is not None
+        limits = read_limits(robot)
         self._has_continuous = bool(has_continuous(limits.lower, limits.upper))
-        self._limits = pack(limits)
-        example = make_example()
-        samples, one = example[1:4], np.zeros(1)
-        errors = PlanErrors(one, one)
-        state = MeasuredState(one, one, 0.0)
-        # All that these are handed was read by `read_plan`, or is made here.
-        self._judge_plan = machine_code(
-            _judge_plan, *samples, errors, self._limits, 0.0, state, np.zeros((ROOMS, 1))
-        )
+        self._limits = pack(limits if brakes is None else limits._replace(brakes=brakes))
+        # All that this is handed is an example's like.
+        self._judge = machine_code(_judge, make_example(), self._limits, 0.0, True)
 
     def check(
         self,
@@ -119,18 +66,14 @@ class PlanCheck:
         q: ArrayLike,
         v: ArrayLike,
         stamp: float,
-        *,
-        longest_lead: float = 0.1,
-        longest_lag: float = 0.1,
     ) -> CheckedPlan | Refusal:
         """Check a plan; see `check_plan`."""
         robot = self._robot
         read = read_plan(plan, len(robot.joints))
         if isinstance(read, Refusal):
             return read
-        times = np.asarray(read.times)
-        lasting = float(times[-1])
-        refusal = _check_time(read.stamp, lasting, now, longest_lead, longest_lag)
+        lasting = float(np.asarray(read.times)[-1])
+        refusal = _check_time(read.stamp, lasting, now)
         if refusal is not None:
             return refusal
         position, velocity = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
@@ -146,57 +89,14 @@ class PlanCheck:
         latest = max(abs(now), abs(stamp), abs(read.stamp), abs(read.stamp + lasting))
         clock = 4.0 * math.ulp(latest) if latest < math.inf else math.nan
         speed = read.velocity_tracking_error
-        errors = PlanErrors(
-            np.asarray(read.tracking_error),
-            np.full(len(robot.joints), np.inf) if speed is None else np.asarray(speed),
-        )
-        samples = times, np.asarray(read.q), np.asarray(read.v)
-        room = np.empty((ROOMS, len(robot.joints)))
-        state = MeasuredState(position, velocity, stamp - read.stamp)
-        excess, straying = self._judge_plan(*samples, errors, self._limits, clock, state, room)
-        if excess[0] != curve.FINE:
-            return _describe_excess(Excess(*excess), robot, times)
-        if straying[0] != FOLLOWED:
-            off = Straying(*straying)
-            return describe_straying(off, robot.joints, state.along)
-        deviation, acceleration, velocity_deviation, top_speed = room
-        return CheckedPlan(
-            read.stamp, *samples, deviation, acceleration, velocity_deviation,
-            top_speed, now, stamp, position, velocity,
+        times, q_on, v_on = (np.asarray(part) for part in (read.times, read.q, read.v))
+        errors = np.array(read.tracking_error), np.full(shape, np.inf if speed is None else speed)
+        checked = CheckedPlan(
+            read.stamp, times, q_on, v_on, errors[0], np.zeros(shape), errors[1], np.zeros(shape),
+            now, stamp, position, velocity,
         )  # fmt: skip
-
-
-class StopCheck:
-    """Checks the stops that pieces carry.
-
-    Args:
-        robot: Whose joints they are.
-        brakes: How these stop; what is shared of that may change.
-    """
-
-    def __init__(self, robot: Robot, brakes: BrakeCurves) -> None:
-        self._joints = robot.joints
-        self._brakes = pack(brakes)
-        samples = make_example()[1:4]
-        self._judge_stop = machine_code(_judge_stop, *samples, np.zeros(1), self._brakes)
-
-    def check(self, plan: CheckedPlan) -> Refusal | None:
-        """Why brakes do not guarantee the stop that a piece carries; None if they do.
-
-        Args:
-            plan: As checked.
-        """
-        kind, joint, found, most, when = self._judge_stop(
-            plan.times, plan.q, plan.v, plan.top_speed, self._brakes
-        )
-        if kind == curve.FINE:
-            return None
-        if kind == curve.VELOCITY:
-            return _refuse_speed(self._joints[joint], found, most)
-        return Refusal(
-            self._joints[joint],
-            f"comes to rest at {found:.4g} from {when:.6g} s on, brakes guarantee {most:.4g}",
-        )
+        finding = self._judge(checked, self._limits, clock, self._has_brakes)
+        return checked if finding[0] == FINE else describe(finding, robot.joints)
 
 
 def check_plan(
@@ -206,9 +106,6 @@ def check_plan(
     q: ArrayLike,
     v: ArrayLike,
     stamp: float,
-    *,
-    longest_lead: float = 0.1,
-    longest_lag: float = 0.1,
 ) -> CheckedPlan | Refusal:
     """Check a plan; nothing that is given in it makes this raise.
 
@@ -219,18 +116,8 @@ def check_plan(
         q: Measured joint positions, believed already, in [rad] or [m]. Shape (nv,).
         v: Measured joint velocities, believed already, in [rad]/[s] or [m]/[s]. Shape (nv,).
         stamp: When they were measured, in [s].
-        longest_lead: How far ahead of `now` the plan may begin, in [s].
-        longest_lag: How long ago it may have begun, in [s].
     """
-    return PlanCheck(robot).check(
-        plan,
-        float(now),
-        q,
-        v,
-        float(stamp),
-        longest_lead=longest_lead,
-        longest_lag=longest_lag,
-    )
+    return PlanCheck(robot).check(plan, float(now), q, v, float(stamp))
 
 
 def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float) -> Plan:
@@ -251,143 +138,48 @@ def _align(plan: Plan, robot: Robot, q: FloatArray, v: FloatArray, stamp: float)
     return plan._replace(q=positions)
 
 
-def _check_time(
-    stamp: float, lasting: float, now: float, longest_lead: float, longest_lag: float
-) -> Refusal | None:
+def _check_time(stamp: float, lasting: float, now: float) -> Refusal | None:
     lead = stamp - now
     end = lead + lasting
     if not math.isfinite(lead):
-        return Refusal("plan", f"begins at {stamp}, now being {now}")
-    if not end > 0.0:
-        return Refusal("plan", f"lies in the past: it ended {-end:.4g} s ago")
-    if not lead >= -longest_lag:
-        return Refusal(
-            "plan", f"is stale: it began {-lead:.4g} s ago, expected at most {longest_lag:.4g} s"
-        )
-    if not lead <= longest_lead:
-        return Refusal("plan", f"begins in {lead:.4g} s, expected at most {longest_lead:.4g} s")
-    return None
+        problem = f"begins at {stamp}, now being {now}"
+    elif not end > 0.0:
+        problem = f"lies in the past: it ended {-end:.4g} s ago"
+    elif not lead >= -LONGEST_LAG:
+        problem = f"is stale: it began {-lead:.4g} s ago, expected at most {LONGEST_LAG:.4g} s"
+    elif not lead <= LONGEST_LEAD:
+        problem = f"begins in {lead:.4g} s, expected at most {LONGEST_LEAD:.4g} s"
+    else:
+        return None
+    return Refusal("plan", problem)
 
 
 @kernel
-def _judge_plan(
-    times: FloatArray,
-    q: FloatArray,
-    v: FloatArray,
-    errors: PlanErrors,
-    limits: PlanLimits,
-    clock: float,
-    state: MeasuredState,
-    room: FloatArray,
-) -> tuple[tuple[int, int, int, float, float, float], tuple[int, int, float, float, float]]:
-    """Where a curve is not within limits, or else, what shows that the arm is not on it.
-
-    Fields of an `Excess` and of a `Straying`.
+def _judge(
+    plan: CheckedPlan, limits: JointLimits, clock: float, has_brakes: bool
+) -> tuple[int, int, float, float, float, float]:
+    """The first thing that is wrong with a plan, in the fields of a `Finding`.
 
     Args:
-        times: Of the samples, in [s]. Shape (k,).
-        q: [rad] or [m]. Shape (k, nv).
-        v: [rad]/[s] or [m]/[s]. Shape (k, nv).
-        errors: About these.
-        limits: Of the robot.
+        plan: Its deviations are those that the controller states, and are widened by all errors;
+            its acceleration and top speed are filled.
+        limits: Of the robot, or a handle on them.
         clock: What sums of stamps may be off by, in [s].
-        state: What was measured.
-        room: Filled with the fields that follow, where the curve is in order. Shape (ROOMS, nv).
+        has_brakes: Whether the limits' brakes must guarantee the plan's stop.
     """
-    excess = _judge_curve(times, q, v, errors, limits, clock, room)
-    if excess[0] != curve.FINE:
-        return excess, (FOLLOWED, -1, 0.0, 0.0, 0.0)
-    plan = CheckedPlan(
-        0.0, times, q, v, room[0], room[1], room[2], room[3],
-        0.0, 0.0, state.q, state.v,
-    )  # fmt: skip
-    return excess, find_straying(plan, limits, state.q, state.v, state.along)
-
-
-@kernel
-def _judge_curve(
-    times: FloatArray,
-    q: FloatArray,
-    v: FloatArray,
-    errors: PlanErrors,
-    limits: PlanLimits,
-    clock: float,
-    room: FloatArray,
-) -> tuple[int, int, int, float, float, float]:
-    """Where a curve is not within limits; arguments as of `_judge_plan`."""
-    joints = limits.lower.shape[0]
-    lower, upper = np.empty(joints), np.empty(joints)
-    fastest, allowed = np.empty(joints), np.empty(joints)
-    for j in range(joints):
-        lower[j] = limits.lower[j] - limits.position_error[j] - LIMIT_SLACK
-        upper[j] = limits.upper[j] + limits.position_error[j] + LIMIT_SLACK
-        fastest[j] = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
-        allowed[j] = limits.acceleration[j] * (1.0 + LIMIT_SLACK)
-    deviation, acceleration, velocity_deviation, top_speed = room[0], room[1], room[2], room[3]
-    peaks = CurvePeaks(acceleration, top_speed)
-    kind, joint, sample, value = find_excess(times, q, v, lower, upper, fastest, allowed, peaks)
-    if kind == curve.POSITION:
-        return kind, joint, sample, value, lower[joint], upper[joint]
-    if kind == curve.VELOCITY:
-        return kind, joint, sample, value, 0.0, fastest[joint]
-    if kind != curve.FINE:
-        return kind, joint, sample, value, 0.0, limits.acceleration[joint]
-    last = times.shape[0] - 1
-    for j in range(joints):
+    finding = find_excess(plan.times, plan.q, plan.v, limits, plan.acceleration, plan.top_speed)
+    if finding[0] != FINE:
+        return finding
+    last = plan.times.shape[0] - 1
+    for j in range(plan.deviation.shape[0]):
         # Nothing is known of where an arm gets to that does not rest at the end.
-        if not abs(v[last, j]) <= LIMIT_SLACK:
-            return ENDS, j, last, v[last, j], 0.0, 0.0
-        deviation[j] = errors.error[j] + limits.position_error[j] + clock * limits.velocity[j]
-        acceleration[j] += limits.acceleration[j]
-        velocity_deviation[j] = errors.velocity_error[j] + limits.velocity_error[j]
-    return curve.FINE, -1, -1, 0.0, 0.0, 0.0
-
-
-def _describe_excess(excess: Excess, robot: Robot, times: FloatArray) -> Refusal:
-    """Where a curve is not within limits, in words."""
-    kind, joint, sample, value, least, most = excess
-    if kind == ENDS:
-        return Refusal(
-            robot.joints[joint],
-            f"ends at velocity {value:.4g}, expected at rest; Monitor.with_stop appends a stop",
-        )
-    where = f"between {times[sample]:.6g} s and {times[sample + 1]:.6g} s"
-    if kind == curve.POSITION:
-        problem = f"goes to {value:.6g} {where}"
-        expected = f"limits with errors are {least:.6g} to {most:.6g}"
-    elif kind == curve.VELOCITY:
-        problem = f"goes at {value:.4g} {where}"
-        expected = f"limit with error is {most:.4g}"
-    elif kind == curve.RATE:
-        problem = f"accelerates at {value:.4g} {where}"
-        expected = f"limit is {most:.4g}"
-    else:
-        problem = f"positions and velocities do not agree {where}"
-        expected = f"joining them takes an acceleration of {value:.4g}, limit is {most:.4g}"
-    return Refusal(robot.joints[joint], f"{problem}; {expected}")
-
-
-@kernel
-def _judge_stop(
-    times: FloatArray, q: FloatArray, v: FloatArray, speeds: FloatArray, brakes: BrakeCurves
-) -> tuple[int, int, float, float, float]:
-    """Whether a curve of such top speeds, (nv,), ends in a stop that brakes guarantee: FINE.
-
-    Else VELOCITY or RATE; and the joint, what was found, what is guaranteed, and when.
-    """
-    last = brakes.speed.shape[1] - 1
-    for j in range(speeds.shape[0]):
-        if not speeds[j] <= brakes.speed[j, last] * (1.0 + LIMIT_SLACK):
-            return curve.VELOCITY, j, speeds[j], brakes.speed[j, last], 0.0
-    allowed = find_gentlest_stop(brakes, speeds)
-    most = allowed.copy()
-    for j in range(most.shape[0]):
-        most[j] *= 1.0 + LIMIT_SLACK
-    joint, found, when = find_hard_stop(times, q, v, most)
-    if joint < 0:
-        return curve.FINE, -1, 0.0, 0.0, 0.0
-    return curve.RATE, joint, found, allowed[joint], when
-
-
-def _refuse_speed(joint: str, speed: float, stated: float) -> Refusal:
-    return Refusal(joint, f"goes at {speed:.4g}, brakes are stated up to {stated:.4g}")
+        if not abs(plan.v[last, j]) <= LIMIT_SLACK:
+            return ENDS, j, plan.v[last, j], 0.0, 0.0, plan.times[last]
+        plan.deviation[j] += limits.position_error[j] + clock * limits.velocity[j]
+        plan.acceleration[j] += limits.acceleration[j]
+        plan.velocity_deviation[j] += limits.velocity_error[j]
+    along = plan.measured_stamp - plan.stamp
+    finding = find_straying(plan, limits, plan.measured_q, plan.measured_v, along)
+    if finding[0] != FINE or not has_brakes:
+        return finding
+    return find_hard_stop(plan.times, plan.q, plan.v, plan.top_speed, limits.brakes)

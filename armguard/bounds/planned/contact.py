@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from armguard.bounds.free_body import saturation_time
 from armguard.bounds.joint_box import stays_within
 from armguard.bounds.planned.course import (
     BLOCK,
@@ -25,11 +24,10 @@ from armguard.bounds.planned.course import (
     find_center,
     set_slab,
 )
-from armguard.bounds.table_time import obstacle_room
+from armguard.bounds.table_time import is_usable, obstacle_room, separating_direction
 from armguard.contact.bodies import Bounds, Hull
-from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.table import Marks, States
@@ -68,56 +66,34 @@ class Surroundings(NamedTuple):
 class Body(NamedTuple):
     """One state of an obstacle that may be true, and how near to it counts as contact."""
 
-    states: States
-    row: int
-    """In these."""
-    age: float
-    """[s]."""
-    margin: float
-    """[m]."""
+    hull: Hull
+    reach: float
+    """What counts as contact from the hull on, in [m]."""
 
 
-@kernel
+@merged_kernel
+def _make_body(states: States, row: int, age: float, margin: float) -> Body:
+    radius, error = states.radius[row], states.position_error[row]
+    makes_sense = radius >= 0.0 and error >= 0.0 and margin >= 0.0
+    bounds = Bounds(states.accel[row], states.speed[row], states.velocity_error[row], age)
+    hull = Hull(states.points[row], states.velocities[row], states.point_count[row], bounds)
+    return Body(hull, radius + margin + error if makes_sense else math.nan)
+
+
+@merged_kernel
 def _find_room(place: Vector, body: Body, start: float, end: float) -> tuple[float, Vector]:
     """Least n.x of a body from `start` to `end` after its stamp, and n, from a place towards it."""
-    states, row = body.states, body.row
-    bounds = Bounds(states.accel[row], states.speed[row], states.velocity_error[row], 0.0)
-    hull = Hull(states.points[row], states.velocities[row], states.point_count[row], bounds)
-    points, velocities, count, _ = hull
-    ux, uy, uz = velocities[0, 0], velocities[0, 1], velocities[0, 2]
-    # Beyond that time the obstacle may be headed anywhere.
-    ahead = min(end, saturation_time(ux, uy, uz, bounds.accel, bounds.speed))
-    px, py, pz = place
-    x, y, z = nearest_on_hull(px, py, pz, points, velocities, count, ahead)
-    length = math.sqrt(x * x + y * y + z * z)
-    normal = (x / length, y / length, z / length)
-    return obstacle_room(normal, place, hull, start, end), normal
-
-
-@kernel
-def _is_usable(body: Body) -> bool:
-    states, row, age, margin = body
-    return (
-        states.point_count[row] >= 1
-        and states.accel[row] >= 0.0
-        and states.speed[row] >= 0.0
-        and states.velocity_error[row] >= 0.0
-        and states.radius[row] >= 0.0
-        and states.position_error[row] >= 0.0
-        and margin >= 0.0
-        and abs(age) < math.inf
-    )
+    normal = separating_direction(place, body.hull, end)
+    return obstacle_room(normal, place, body.hull, start, end), normal
 
 
 @kernel
 def _find_reach(radius: float, body: Body) -> float:
     """How near a body may come to the centre of a ball without touching it, in [m]."""
-    states, row = body.states, body.row
-    reach = radius + states.radius[row] + body.margin + states.position_error[row]
-    return reach * (1.0 + SUM_ROUNDING)
+    return (radius + body.reach) * (1.0 + SUM_ROUNDING)
 
 
-@kernel
+@merged_kernel
 def _is_ball_free(ball: FloatArray, body: Body, start: float, end: float) -> bool:
     """Whether a body stays out of a ball from `start` to `end`, counted from its stamp."""
     room, _ = _find_room((ball[0], ball[1], ball[2]), body, start, end)
@@ -168,17 +144,17 @@ def _find_contact(
     slab = first
     # Invariant: the link is proved free in every slab from `first` up to `slab`.
     while slab < limit:
-        start = body.age + max(course.start[slab] - offset, 0.0)
+        start = body.hull.bounds.age + max(course.start[slab] - offset, 0.0)
         if slab == first or slab % BLOCK == 0:
             # A ball around all that the link sweeps in the slabs of a block may prove them at once.
             block = slab // BLOCK
             last = min((block + 1) * BLOCK, course.end.shape[0]) - 1
             evaluated += 1
-            end = body.age + (course.end[last] - offset)
+            end = body.hull.bounds.age + (course.end[last] - offset)
             if _is_ball_free(course.block_balls[block, link], body, start, end):
                 slab = last + 1
                 continue
-        end = body.age + (course.end[slab] - offset)
+        end = body.hull.bounds.age + (course.end[slab] - offset)
         # Else the slab by itself: down the tree, to the children of spheres that are not free.
         node = arm.tree.root[link]
         while node >= 0:
@@ -242,8 +218,8 @@ def find_planned_contact(
             away = True
             for number in possible_states(marks, row):
                 states, place, age = state_at(bodies, refused, marks, row, number, now)
-                body = Body(states, place, age, margin)
-                if not _is_usable(body):
+                body = _make_body(states, place, age, margin)
+                if not is_usable(body.hull, body.reach):
                     return 0.0, pairs[index], NONE, evaluated
                 away &= _is_ball_free(course.arm_ball, body, age, age + left)
             evaluated += 1
@@ -252,7 +228,7 @@ def find_planned_contact(
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
             states, place, age = state_at(bodies, refused, marks, row, number, now)
-            body = Body(states, place, age, margin)
+            body = _make_body(states, place, age, margin)
             slab, sphere, spent = _find_contact(link, first, limit, offset, course, arm, body)
             evaluated += spent
             if slab < limit:

@@ -12,19 +12,17 @@ greatest at samples. Extremes of all three are elementary; nothing here is sampl
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.limits import JointLimits
+from armguard.bounds.planned.findings import CURVE, FINE, POSITION, RATE, VELOCITY
 from armguard.jit.arrays import FloatArray
-from armguard.jit.kernels import kernel
-from armguard.jit.numerics import TERM_ROUNDING
-
-FINE, POSITION, VELOCITY, RATE, CURVE = 0, 1, 2, 3, 4
-"""What `find_excess` can say: nothing, or what is beyond its limit."""
+from armguard.jit.kernels import kernel, merged_kernel
+from armguard.jit.numerics import LIMIT_SLACK, TERM_ROUNDING
 
 
-@kernel
+@merged_kernel
 def interval_coefficients(
     times: FloatArray, q: FloatArray, v: FloatArray, k: int, j: int
 ) -> tuple[float, float, float]:
@@ -71,7 +69,7 @@ def evaluate_curve(
         velocity[j] = v[k, j] + u * (2.0 * c + 3.0 * d * u)
 
 
-@kernel
+@merged_kernel
 def _range_within(
     start: float, speed: float, c: float, d: float, first: float, last: float
 ) -> tuple[float, float]:
@@ -99,10 +97,11 @@ def curve_range(
     v: FloatArray,
     first: float,
     last: float,
+    order: int,
     low: FloatArray,
     high: FloatArray,
 ) -> None:
-    """Fill the least and greatest position of each joint between two times on the curve.
+    """Fill the least and greatest position or velocity of each joint between two times.
 
     Args:
         times: As for `evaluate_curve`.
@@ -110,8 +109,9 @@ def curve_range(
         v: As for `evaluate_curve`.
         first: In [s], within `times`.
         last: In [s], within `times`, >= first.
-        low: Filled, in [rad] or [m]. Shape (nv,).
-        high: Filled, in [rad] or [m]. Shape (nv,).
+        order: 0: positions, in [rad] or [m]; 1: velocities, in [rad]/[s] or [m]/[s].
+        low: Filled. Shape (nv,).
+        high: Filled. Shape (nv,).
     """
     low[:] = math.inf
     high[:] = -math.inf
@@ -120,66 +120,43 @@ def curve_range(
             h, c, d = interval_coefficients(times, q, v, k, j)
             begin = min(max(first - times[k], 0.0), h)
             end = min(max(last - times[k], 0.0), h)
-            least, most = _range_within(q[k, j], v[k, j], c, d, begin, end)
+            if order == 0:
+                least, most = _range_within(q[k, j], v[k, j], c, d, begin, end)
+            else:
+                least, most = _speed_range_within(v[k, j], c, d, begin, end, h)
             low[j] = min(low[j], least)
             high[j] = max(high[j], most)
 
 
-@kernel
-def speed_range(
-    times: FloatArray,
-    q: FloatArray,
-    v: FloatArray,
-    first: float,
-    last: float,
-    low: FloatArray,
-    high: FloatArray,
-) -> None:
-    """Fill the least and greatest velocity of each joint between two times on the curve.
-
-    Arguments as for `curve_range`, results in [rad]/[s] or [m]/[s].
-    """
-    low[:] = math.inf
-    high[:] = -math.inf
-    for k in range(interval_at(times, first), interval_at(times, last) + 1):
-        for j in range(q.shape[1]):
-            h, c, d = interval_coefficients(times, q, v, k, j)
-            begin = min(max(first - times[k], 0.0), h)
-            end = min(max(last - times[k], 0.0), h)
-            turn = -c / (3.0 * d) if d != 0.0 else begin
-            size = abs(v[k, j]) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
-            for u in (begin, end, min(max(turn, begin), end)):
-                speed = v[k, j] + u * (2.0 * c + 3.0 * d * u)
-                low[j] = min(low[j], speed - TERM_ROUNDING * size)
-                high[j] = max(high[j], speed + TERM_ROUNDING * size)
+@merged_kernel
+def _speed_range_within(
+    speed: float, c: float, d: float, first: float, last: float, h: float
+) -> tuple[float, float]:
+    """Least and greatest value of speed + 2 c u + 3 d u² for u from first to last, up to h."""
+    low, high = math.inf, -math.inf
+    turn = -c / (3.0 * d) if d != 0.0 else first
+    size = abs(speed) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
+    for u in (first, last, min(max(turn, first), last)):
+        value = speed + u * (2.0 * c + 3.0 * d * u)
+        low = min(low, value - TERM_ROUNDING * size)
+        high = max(high, value + TERM_ROUNDING * size)
+    return low, high
 
 
 @kernel
 def find_top_speeds(times: FloatArray, q: FloatArray, v: FloatArray) -> FloatArray:
     """The greatest speed of each joint anywhere on the curve, in [rad]/[s] or [m]/[s]. (nv,)."""
     low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
-    speed_range(times, q, v, 0.0, times[-1], low, high)
+    curve_range(times, q, v, 0.0, times[-1], 1, low, high)
     return np.maximum(high, -low)
 
 
 @kernel
-def _top_speed_within(speed: float, h: float, c: float, d: float) -> float:
-    """The greatest speed on an interval of length h that begins at `speed`, as in `speed_range`."""
+def top_speed_between(before: float, after: float, h: float, c: float, d: float) -> float:
+    """The greatest speed on an interval of length h, between samples of these velocities."""
     turn = -c / (3.0 * d) if d != 0.0 else 0.0
-    size = abs(speed) + h * (2.0 * abs(c) + 3.0 * abs(d) * h)
-    fastest = 0.0
-    for u in (0.0, h, min(max(turn, 0.0), h)):
-        fastest = max(fastest, abs(speed + u * (2.0 * c + 3.0 * d * u)) + TERM_ROUNDING * size)
-    return fastest
-
-
-class CurvePeaks(NamedTuple):
-    """The most of what each joint does anywhere on a curve. Shape (nv,) each."""
-
-    acceleration: FloatArray
-    """Greatest acceleration, in [rad]/[s²] or [m]/[s²]."""
-    speed: FloatArray
-    """Greatest speed, as `find_top_speeds` has it, in [rad]/[s] or [m]/[s]."""
+    pace = max(abs(before), abs(after))
+    return max(pace, abs(before + turn * c)) if 0.0 < turn < h else pace
 
 
 @kernel
@@ -187,55 +164,51 @@ def find_excess(
     times: FloatArray,
     q: FloatArray,
     v: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    fastest: FloatArray,
+    limits: JointLimits,
     acceleration: FloatArray,
-    peaks: CurvePeaks,
-) -> tuple[int, int, int, float]:
-    """The first place where the curve leaves limits, which need not be at a sample.
+    speed: FloatArray,
+) -> tuple[int, int, float, float, float, float]:
+    """The first place where the curve leaves limits with errors, which need not be at a sample.
 
     Args:
         times: As for `evaluate_curve`.
         q: As for `evaluate_curve`.
         v: As for `evaluate_curve`.
-        lower: Least positions, in [rad] or [m]. Shape (nv,).
-        upper: Greatest positions, in [rad] or [m]. Shape (nv,).
-        fastest: Greatest speeds, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        acceleration: Greatest accelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        peaks: Filled with what the curve does at most, where it is within limits.
+        limits: Of the joints.
+        acceleration: Filled with the greatest acceleration of each joint, in [rad]/[s²] or
+            [m]/[s²], where the curve is within limits. Shape (nv,).
+        speed: Filled with the greatest speeds, as `find_top_speeds` has them. Shape (nv,).
 
     Returns:
-        What is beyond its limit, the joint, the sample before, and the value found: FINE; POSITION
-        or VELOCITY; RATE, where the velocities of two samples are too far apart; CURVE, where they
-        are not, but no motion within the limit on accelerations leads from one position to the
-        other as a cubic.
+        The fields of a `Finding`: FINE; POSITION or VELOCITY; RATE, where the velocities of two
+        samples are too far apart; CURVE, where they are not, but no motion within the limit on
+        accelerations leads from one position to the other as a cubic.
     """
-    for j in range(q.shape[1]):
-        peaks.acceleration[j] = peaks.speed[j] = 0.0
+    acceleration[:] = 0.0
+    speed[:] = 0.0
     for k in range(times.shape[0] - 1):
         for j in range(q.shape[1]):
             h, c, d = interval_coefficients(times, q, v, k, j)
             low, high = _range_within(q[k, j], v[k, j], c, d, 0.0, h)
-            if not lower[j] <= low:
-                return POSITION, j, k, low
-            if not high <= upper[j]:
-                return POSITION, j, k, high
-            pace = max(abs(v[k, j]), abs(v[k + 1, j]))
-            turn = -c / (3.0 * d) if d != 0.0 else 0.0
-            if 0.0 < turn < h:
-                pace = max(pace, abs(v[k, j] + turn * c))
-            if not pace <= fastest[j]:
-                return VELOCITY, j, k, pace
+            least = limits.lower[j] - limits.position_error[j] - LIMIT_SLACK
+            most = limits.upper[j] + limits.position_error[j] + LIMIT_SLACK
+            if not (least <= low and high <= most):
+                return POSITION, j, high if least <= low else low, least, most, times[k]
+            pace = top_speed_between(v[k, j], v[k + 1, j], h, c, d)
+            fastest = limits.velocity[j] + limits.velocity_error[j] + LIMIT_SLACK
+            if not pace <= fastest:
+                return VELOCITY, j, pace, 0.0, fastest, times[k]
             # What rounding of the samples themselves does to the differences below.
             slack = 8.0 * TERM_ROUNDING * ((abs(q[k, j]) + abs(q[k + 1, j])) / h + pace) / h
-            allowed = acceleration[j] + slack
+            limit = limits.acceleration[j]
+            allowed = limit * (1.0 + LIMIT_SLACK) + slack
             rate = (v[k + 1, j] - v[k, j]) / h
             if not abs(rate) <= allowed:
-                return RATE, j, k, rate
+                return RATE, j, rate, 0.0, limit, times[k]
             bend = max(abs(2.0 * c), abs(2.0 * c + 6.0 * d * h))
             if not bend <= allowed:
-                return CURVE, j, k, bend
-            peaks.acceleration[j] = max(peaks.acceleration[j], bend)
-            peaks.speed[j] = max(peaks.speed[j], _top_speed_within(v[k, j], h, c, d))
-    return FINE, -1, -1, 0.0
+                return CURVE, j, bend, 0.0, limit, times[k]
+            acceleration[j] = max(acceleration[j], bend)
+            least, most = _speed_range_within(v[k, j], c, d, 0.0, h, h)
+            speed[j] = max(speed[j], most, -least)
+    return FINE, -1, 0.0, 0.0, 0.0, 0.0

@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.limits import JointLimits, read_limits
 from armguard.bounds.planned.curve import curve_range, evaluate_curve
-from armguard.bounds.planned.plan import (
-    CheckedPlan,
-    PlanLimits,
-    Refusal,
-    make_example,
-    read_plan_limits,
-)
+from armguard.bounds.planned.findings import APART, DRIFTS, FINE, PACE, PLACE, describe
+from armguard.bounds.planned.plan import CheckedPlan, Refusal, make_example
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
@@ -23,44 +17,8 @@ from armguard.jit.numerics import LIMIT_SLACK
 from armguard.robot.robot import Robot
 from armguard.robot.wrap_angle import nearest_turn
 
-FOLLOWED, PLACE, PACE = 0, 1, 2
-"""What `find_straying` and `_find_gap` can say: nothing, or what is off.
-
-Both hand over the fields of a named tuple, not that itself: Numba would look up its class at each
-call, which takes as long as all that they do.
-"""
-
-
 SHORTEST = 1e-9
 """For how long two plans are compared at the least, in [s]."""
-
-
-class Straying(NamedTuple):
-    """What shows that the arm does not follow a plan."""
-
-    kind: int
-    """FOLLOWED, PLACE or PACE."""
-    joint: int
-    found: float
-    """Where it was found to be, or how fast; in [rad] or [m], or those in [s]."""
-    expected: float
-    """What the plan has there, alike."""
-    allowed: float
-    """How far off it may be, alike."""
-
-
-class Gap(NamedTuple):
-    """Where two plans differ by more than the arm may be off the first."""
-
-    kind: int
-    """FOLLOWED, if nowhere; PLACE or PACE."""
-    joint: int
-    found: float
-    """How far they are apart at the most, in [rad] or [m], or those in [s]."""
-    allowed: float
-    """How far they may be, alike."""
-    when: float
-    """In [s]."""
 
 
 @kernel
@@ -101,13 +59,9 @@ def fill_deviation_speed(
 
 @kernel
 def find_straying(
-    plan: CheckedPlan,
-    limits: PlanLimits,
-    q: FloatArray,
-    v: FloatArray,
-    along: float,
-) -> tuple[int, int, float, float, float]:
-    """The first joint whose measured state shows that it does not follow a plan: a `Straying`.
+    plan: CheckedPlan, limits: JointLimits, q: FloatArray, v: FloatArray, along: float
+) -> tuple[int, int, float, float, float, float]:
+    """The first joint whose measured state shows that it does not follow a plan.
 
     Args:
         plan: As checked.
@@ -115,6 +69,9 @@ def find_straying(
         q: Measured positions, in [rad] or [m]. Shape (nv,).
         v: Measured velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         along: Where on the plan the arm is to be, in [s]; negative: that long before it begins.
+
+    Returns:
+        The fields of a `Finding`: PLACE, PACE or FINE.
     """
     position, velocity = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
     speed = np.empty_like(plan.deviation)
@@ -133,12 +90,12 @@ def find_straying(
         if math.isinf(limits.lower[j]) and math.isinf(limits.upper[j]):
             found = nearest_turn(found, position[j])
         if not abs(found - position[j]) <= allowed:
-            return PLACE, j, found, position[j], allowed
+            return PLACE, j, found, position[j], allowed, along
     for j in range(position.shape[0]):
         allowed = speed[j] + limits.velocity_error[j] + limits.acceleration[j] * wait + LIMIT_SLACK
         if not abs(v[j] - velocity[j]) <= allowed:
-            return PACE, j, v[j], velocity[j], allowed
-    return FOLLOWED, -1, 0.0, 0.0, 0.0
+            return PACE, j, v[j], velocity[j], allowed, along
+    return FINE, -1, 0.0, 0.0, 0.0, 0.0
 
 
 class Following:
@@ -150,7 +107,7 @@ class Following:
 
     def __init__(self, robot: Robot) -> None:
         self._joints = robot.joints
-        self._limits = pack(read_plan_limits(robot))
+        self._limits = pack(read_limits(robot))
         # All that these are handed is an example's like, or a state that was believed.
         plan, one = make_example(), np.zeros(1)
         self._find_straying = machine_code(find_straying, plan, self._limits, one, one, 0.0)
@@ -176,36 +133,26 @@ class Following:
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), contiguous.
             stamp: When they were measured, in [s].
         """
-        along = stamp - plan.stamp
-        found = self._find_straying(plan, self._limits, q, v, along)
-        if found[0] == FOLLOWED:
-            return None
-        return describe_straying(Straying(*found), self._joints, along)
+        finding = self._find_straying(plan, self._limits, q, v, stamp - plan.stamp)
+        return None if finding[0] == FINE else describe(finding, self._joints)
 
     def compare(
         self, before: CheckedPlan, after: CheckedPlan, first: float, last: float
-    ) -> Comparison:
-        """Whether two plans agree for some time, and whether the other one covers the first.
+    ) -> tuple[Refusal | None, bool]:
+        """Where two plans disagree for some time, and whether the other one covers the first.
 
         Args:
             before: A plan that the arm may be following.
             after: The one that is to take its place.
             first: From when on they must agree, in [s].
             last: Until when they must, in [s], >= first.
+
+        Returns:
+            Where they differ by more than the arm may be off the first, None if nowhere; and
+            `is_covered` from the first of these times on.
         """
-        found, covered = self._compare(before, after, first, last)
-        if found[0] == FOLLOWED:
-            return Comparison(None, covered)
-        gap = Gap(*found)
-        return Comparison(
-            Refusal(
-                self._joints[gap.joint],
-                f"{'goes ' if gap.kind == PACE else ''}off the committed piece by {gap.found:.4g} "
-                f"at {gap.when:.6g} s, expected within {gap.allowed:.3g} from {first:.6g} s to "
-                f"{last:.6g} s",
-            ),
-            covered,
-        )
+        finding, covered = self._compare(before, after, first, last)
+        return None if finding[0] == FINE else describe(finding, self._joints), covered
 
     def covers(self, before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
         """Whether an arm on one plan is on another as well; see `is_covered`."""
@@ -230,49 +177,23 @@ class Following:
         )
 
 
-class Comparison(NamedTuple):
-    """Of a plan that the arm may be following with the one that is to take its place."""
-
-    refusal: Refusal | None
-    """Where they differ by more than the arm may be off the first; None if nowhere."""
-    is_covered: bool
-    """Whether an arm on the first one is on the other as well, from then on until both end."""
-
-
-def describe_straying(found: Straying, joints: Sequence[str], along: float) -> Refusal:
-    """What shows that the arm does not follow a plan, in words; arguments as of `find_straying`."""
-    when = f"when it begins, {-along:.3g} s on," if along < 0.0 else f"{along:.3g} s into the plan"
-    if found.kind == PLACE:
-        what = f"at {found.found:.6g} {when} where the plan has it at {found.expected:.6g}"
-    else:
-        what = f"at velocity {found.found:.4g} {when} where the plan has {found.expected:.4g}"
-    return Refusal(joints[found.joint], f"{what}, expected within {found.allowed:.3g}")
-
-
 @kernel
 def _find_knots(before: CheckedPlan, after: CheckedPlan, first: float, last: float) -> FloatArray:
     """Both times, and those of samples of either plan between them, each once, in rising order."""
-    knots = np.empty(before.times.shape[0] + after.times.shape[0] + 2)
-    knots[0], count = first, 1
-    i = np.searchsorted(before.times, first - before.stamp)
-    k = np.searchsorted(after.times, first - after.stamp)
-    # A sum may be rounded to the other side than the difference.
-    while i > 0 and before.stamp + before.times[i - 1] > first:
-        i -= 1
-    while k > 0 and after.stamp + after.times[k - 1] > first:
-        k -= 1
-    # Invariant: what is before either index is among the knots, or not between both times.
+    ones, others = before.stamp + before.times, after.stamp + after.times
+    knots = np.empty(ones.shape[0] + others.shape[0] + 2)
+    knots[0], count, i, k = first, 1, 0, 0
     while True:
-        one = before.stamp + before.times[i] if i < before.times.shape[0] else math.inf
-        other = after.stamp + after.times[k] if k < after.times.shape[0] else math.inf
-        knot = min(one, other)
+        while i < ones.shape[0] and not ones[i] > knots[count - 1]:
+            i += 1
+        while k < others.shape[0] and not others[k] > knots[count - 1]:
+            k += 1
+        knot = ones[i] if i < ones.shape[0] else math.inf
+        knot = min(knot, others[k]) if k < others.shape[0] else knot
         if not knot < last:
             break
-        if knot > knots[count - 1]:
-            knots[count] = knot
-            count += 1
-        i += one == knot
-        k += other == knot
+        knots[count] = knot
+        count += 1
     # Two times of which the difference is next to nothing have no slope between them.
     knots[count] = max(last, first + SHORTEST, np.nextafter(first, math.inf))
     return knots[: count + 1]
@@ -319,7 +240,7 @@ def _find_largest_differences(
     last = max(before.stamp + before.times[-1], after.stamp + after.times[-1], first)
     knots, apart, pace = _find_differences(before, after, first, last)
     low, high = np.empty_like(before.deviation), np.empty_like(before.deviation)
-    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, low, high)
+    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, 0, low, high)
     place, fastest = np.empty_like(low), np.zeros_like(low)
     for j in range(place.shape[0]):
         # Of a difference that is no number no range is found, and low is above high.
@@ -338,22 +259,22 @@ def _find_largest_differences(
 @kernel
 def _find_gap(
     before: CheckedPlan, after: CheckedPlan, share: float, first: float, last: float
-) -> tuple[int, int, float, float, float]:
+) -> tuple[int, int, float, float, float, float]:
     """Where two plans differ by more than a share, in [0, 1], of what the arm may be off the first.
 
     Returns:
-        The fields of a `Gap`.
+        The fields of a `Finding`: APART, DRIFTS or FINE.
     """
     joints = before.deviation.shape[0]
     knots, apart, pace = _find_differences(before, after, first, last)
     low, high = np.empty(joints), np.empty(joints)
-    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, low, high)
+    curve_range(knots - first, apart, pace, 0.0, knots[-1] - first, 0, low, high)
     for j in range(joints):
         allowed = share * before.deviation[j]
         # Of a difference that is no number no range is found, and low is above high.
         if not (-allowed - LIMIT_SLACK <= low[j] <= high[j] <= allowed + LIMIT_SLACK):
             when = knots[_find_largest(apart, j)]
-            return PLACE, j, max(-low[j], high[j]), allowed, when
+            return APART, j, max(-low[j], high[j]), 0.0, allowed, when
     for j in range(joints):
         # However long it is followed.
         allowed = min(
@@ -362,8 +283,8 @@ def _find_gap(
         )
         largest = _find_largest(pace, j)
         if not abs(pace[largest, j]) <= allowed + LIMIT_SLACK:
-            return PACE, j, abs(pace[largest, j]), allowed, knots[largest]
-    return FOLLOWED, -1, 0.0, 0.0, 0.0
+            return DRIFTS, j, abs(pace[largest, j]), 0.0, allowed, knots[largest]
+    return FINE, -1, 0.0, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -402,12 +323,12 @@ def is_covered(before: CheckedPlan, after: CheckedPlan, first: float) -> bool:
         if not abs(place[j]) <= LIMIT_SLACK:
             return False
     # Compared as if neither might be left by more than a slack.
-    return _find_gap(before, after, 0.0, first, last)[0] == FOLLOWED
+    return _find_gap(before, after, 0.0, first, last)[0] == FINE
 
 
 @kernel
 def _compare(
     before: CheckedPlan, after: CheckedPlan, first: float, last: float
-) -> tuple[tuple[int, int, float, float, float], bool]:
+) -> tuple[tuple[int, int, float, float, float, float], bool]:
     """Where two plans do not agree from `first` to `last`, and `is_covered` from `first` on."""
     return _find_gap(before, after, 1.0, first, last), is_covered(before, after, first)

@@ -14,25 +14,22 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio
 
-from armguard.bounds.checks import check_question, read_only
+from armguard.bounds.checks import check_question
 from armguard.bounds.joint_box import displacement_in_box, make_box
-from armguard.bounds.limits import read_limits
-from armguard.bounds.planned.check import PlanCheck, StopCheck
+from armguard.bounds.limits import JointLimits, read_limits
 from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, set_slab
 from armguard.bounds.planned.curve import evaluate_curve
-from armguard.bounds.planned.following import Following
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
-from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, is_plain
-from armguard.bounds.planned.slabs import JointSlabs, SlabMaker
-from armguard.bounds.planned.stop import append_stop
+from armguard.bounds.planned.plan import CheckedPlan, is_plain, make_example
+from armguard.bounds.planned.slabs import Slabs, center, include, lay_left_piece, lay_piece
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
-from armguard.obstacles.obstacles import Obstacles
+from armguard.jit.kernels import kernel
 from armguard.obstacles.table import Marks, States
-from armguard.robot.brakes import BrakeCurves, find_gentlest_stop
+from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
@@ -51,7 +48,6 @@ class PlannedMotion:
         robot: Robot,
         base_placement: pinocchio.SE3 | None = None,
         *,
-        lever: FloatArray | None = None,
         in_force: LimitsInForce | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
@@ -59,7 +55,6 @@ class PlannedMotion:
         Args:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            lever: What `compute_sphere_levers` found for this robot; None: it is computed here.
             in_force: How joints stop under the payload in force, shared; None: the robot's brakes
                 under the heaviest payload.
 
@@ -69,14 +64,14 @@ class PlannedMotion:
         """
         self._robot = robot
         self._limits = read_limits(robot)._replace(brakes=read_limits(robot, in_force).brakes)
-        self._slabs = SlabMaker(self._limits)
+        self._handle = pack(self._limits)
         self._kinematics = Kinematics(robot, base_placement)
         spheres = self._kinematics.spheres
         numbers = [robot.model.getJointId(joint) for joint in robot.joints]
         turning = np.array([not is_prismatic(robot.model, number) for number in numbers])
         self._arm = ArmShape(
             tree=spheres.tree,
-            lever=compute_sphere_levers(robot) if lever is None else read_only(lever),
+            lever=compute_sphere_levers(robot),
             box=make_box(turning, np.zeros(len(turning))),
             carrier=np.array(spheres.joint),
             local=np.array(spheres.local),
@@ -86,10 +81,12 @@ class PlannedMotion:
         self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
         check_chain(self._placed_arm, self._kinematics)
         # All that these are handed is made here, or by kernels.
-        middle = np.zeros((1, len(robot.joints)))
-        self._place_all = machine_code(place_all, self._placed_arm, middle, middle)
+        times, boxes, plan = np.zeros((2, 1)), np.zeros((2, 1, len(turning))), make_example()
+        self._lay_piece = machine_code(lay_piece, plan, self._handle, True)
+        self._lay_left_piece = machine_code(lay_left_piece, plan, self._handle, 0.0)
+        self._include = machine_code(include, times, boxes, plan, 0.0)
+        self._place_boxes = machine_code(_place_boxes, self._placed_arm, self._handle, boxes)
         self._surroundings: tuple[Surroundings | None, Any, Any] = None, None, None
-        self._compile()
 
     def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
         """Where the arm can be from when a piece was checked until it rests at the piece's end.
@@ -106,7 +103,7 @@ class PlannedMotion:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
         self._check(plan, before)
-        return self._place(plan.now, self._slabs.lay_piece(plan, before))
+        return self._place(plan, before, self._lay_piece(plan, self._handle, not before))
 
     def lay_out_left(
         self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
@@ -122,14 +119,16 @@ class PlannedMotion:
 
         Returns:
             None where a joint may be faster than its brakes are stated for, and where the piece is
-            yet to begin and follows none.
+            yet to begin and follows none: no brakes are known of joints that are free until then.
 
         Raises:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
         self._check(plan, before)
-        slabs = self._slabs.lay_left_piece(plan, before, latency)
-        return None if slabs is None else self._place(plan.now, slabs)
+        if plan.stamp > plan.now and not before:
+            return None
+        slabs = self._lay_left_piece(plan, self._handle, float(latency))
+        return self._place(plan, before, slabs) if slabs[0].size else None
 
     @property
     def brakes(self) -> BrakeCurves:
@@ -150,10 +149,16 @@ class PlannedMotion:
             for one in before:
                 self._check(one)
 
-    def _place(self, epoch: float, slabs: JointSlabs) -> PlannedCourse:
-        """The arm in the middle of each slab, and the balls around all that it sweeps."""
-        placed = self._place_all(self._placed_arm, slabs.middle, slabs.half)
-        return PlannedCourse(float(epoch), *slabs, *placed)
+    def _place(
+        self, plan: CheckedPlan, before: Sequence[CheckedPlan], slabs: Slabs
+    ) -> PlannedCourse:
+        """Where the arm is in the middle of each slab, and the balls around all that it sweeps."""
+        times, boxes = slabs
+        if plan.stamp > plan.now:
+            for one in before:
+                self._include(times, boxes, one, plan.now - one.stamp)
+        placed = self._place_boxes(self._placed_arm, self._handle, boxes)
+        return PlannedCourse(float(plan.now), *times, *boxes, *placed)
 
     def contact_time(
         self,
@@ -237,36 +242,18 @@ class PlannedMotion:
         origin = float(along @ kinematics.data.oMi[joint].act(local))
         largest = 0.0
         for slab in np.flatnonzero(course.start <= t):
-            kinematics.compute(course.middle[slab], self._still)
-            place = kinematics.data.oMi[joint].act(local)
-            set_slab(self._arm, course, slab, (place[0], place[1], place[2]))
-            deviation = displacement_in_box(
-                along[0],
-                along[1],
-                along[2],
-                course.jacobian[slab],
-                lever,
-                self._arm.exact,
-                self._arm.box,
-            )
-            largest = max(largest, float(along @ place) - origin + deviation)
+            x, y, z = course.placement[slab, joint] @ np.append(local, 1.0)
+            set_slab(self._arm, course, slab, (x, y, z))
+            given = course.jacobian[slab], lever, self._arm.exact, self._arm.box
+            moved = displacement_in_box(*along, *given)
+            largest = max(largest, float(along @ [x, y, z]) - origin + moved)
         return largest
 
-    def _compile(self) -> None:
-        """Run every kernel once on nothing, so that none is compiled when a plan is due."""
-        robot, still = self._robot, self._still
-        q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
-        times, q = np.array([0.0, 1.0]), np.array([q, q])
-        rest = Plan(0.0, times, q, np.zeros_like(q), np.ones(len(still)))
-        plan = PlanCheck(robot).check(rest, 0.0, q[0], still, 0.0)
-        if isinstance(plan, Refusal):
-            raise ArmguardError(robot.name, f"cannot even rest: {plan}")
-        StopCheck(robot, self.brakes)
-        Following(robot)
-        append_stop(rest, find_gentlest_stop(self.brakes, plan.top_speed))
-        self.lay_out(plan._replace(now=-0.1), [plan])
-        course = self.lay_out(plan._replace(now=-0.1))
-        self.lay_out_left(plan)
-        table, none = Obstacles().table, np.zeros(0, dtype=np.int64)
-        states = table.accepted, table.refused_states, table.marks
-        self.contact_time(course, none, 0.0, 0.0, *states)
+
+@kernel
+def _place_boxes(
+    handle: Any, limits: JointLimits, boxes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """`place_all` of boxes, (2, slabs, nv), whose least and greatest positions are centered."""
+    center(boxes, limits)
+    return place_all(handle, boxes[0], boxes[1])

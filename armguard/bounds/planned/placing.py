@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio
 
-from armguard.bounds.planned.course import BLOCK, ArmShape, find_center
+from armguard.bounds.planned.course import BLOCK, ArmShape, Vector, find_center
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
@@ -33,14 +33,14 @@ class JointChain(NamedTuple):
     """Joint that carries each joint; 0 is the world. Shape (J,)."""
     column: IntArray
     """Of each joint in configurations and Jacobians; -1 for the world. Shape (J,)."""
-    rotation: FloatArray
-    """Of its frame at zero, in the parent's frame. Shape (J, 3, 3)."""
-    translation: FloatArray
-    """Of its frame at zero, in the parent's frame, in [m]. Shape (J, 3)."""
-    axis: FloatArray
-    """About which it turns, or along which it slides; a unit vector. Shape (J, 3)."""
     slides: BoolArray
-    """Whether it slides; else it turns. Shape (J,)."""
+    """Whether it slides along its axis; else it turns about it. Shape (J,)."""
+    terms: FloatArray
+    """Its placement in its parent's frame, rotation and translation in [m], is the first of these,
+    plus q times the second where it slides. Where it turns it is, by Rodrigues' formula, plus
+    sin q times the second and 1 - cos q times the third. Shape (J, 3, 3, 4)."""
+    motion: FloatArray
+    """Its unit motion in its own frame: linear, then angular. Shape (J, 6)."""
 
 
 class PlacedArm(NamedTuple):
@@ -54,24 +54,22 @@ def make_chain(kinematics: Kinematics) -> JointChain:
     """The chain of an arm's joints."""
     model = kinematics.model
     count = model.njoints
-    axis, slides = np.zeros((count, 3)), np.zeros(count, dtype=np.bool_)
+    terms, motion = np.zeros((count, 3, 3, 4)), np.zeros((count, 6))
     column = np.full(count, -1, dtype=np.int64)
     for joint in range(1, count):
-        kind = model.joints[joint]
+        kind, place = model.joints[joint], model.jointPlacements[joint]
         data = kind.createData()
         kind.calc(data, pinocchio.neutral(model))
-        motion = np.asarray(data.S, dtype=np.float64).reshape(6)
-        slides[joint] = bool(np.any(motion[:3]))
-        axis[joint] = motion[:3] if slides[joint] else motion[3:]
+        motion[joint] = np.asarray(data.S).reshape(6)
+        across = pinocchio.skew(motion[joint, 3:])
+        terms[joint, 0] = place.homogeneous[:3]
+        terms[joint, 1, :, :3] = place.rotation @ across
+        terms[joint, 1, :, 3] = place.rotation @ motion[joint, :3]
+        terms[joint, 2, :, :3] = place.rotation @ across @ across
         column[joint] = kind.idx_v
-    return JointChain(
-        parent=np.array([int(parent) for parent in model.parents], dtype=np.int64),
-        column=column,
-        rotation=np.array([place.rotation for place in model.jointPlacements]),
-        translation=np.array([place.translation for place in model.jointPlacements]),
-        axis=axis,
-        slides=slides,
-    )
+    slides: BoolArray = np.any(motion[:, :3], axis=1)
+    parent = np.array([int(parent) for parent in model.parents], dtype=np.int64)
+    return JointChain(parent, column, slides, terms, motion)
 
 
 def check_chain(handle: Any, kinematics: Kinematics) -> None:
@@ -89,9 +87,9 @@ def check_chain(handle: Any, kinematics: Kinematics) -> None:
     for q in random.uniform(-1.0, 1.0, (3, model.nv)):
         kinematics.compute(q, np.zeros(model.nv))
         placement, jacobian, _, _ = place_all(handle, q[None], np.zeros((1, model.nv)))
-        centers = place_spheres(handle, placement)
+        expected = np.array([place.homogeneous[:3] for place in kinematics.data.oMi])
         off = max(
-            float(np.abs(centers[0] - kinematics.centers).max(initial=0.0)),
+            float(np.abs(placement[0] - expected).max()),
             float(np.abs(jacobian[0] - kinematics.data.J.reshape(6, -1)).max(initial=0.0)),
         )
         if not off <= AGREES:
@@ -122,23 +120,6 @@ def place_all(
 
 
 @kernel
-def place_spheres(handle: Any, placement: FloatArray) -> FloatArray:
-    """Centres of all spheres in the world, in [m], (k, n, 3).
-
-    Args:
-        handle: On the `PlacedArm`.
-        placement: As in a `PlannedCourse`. Shape (k, J, 3, 4).
-    """
-    arm = handle.content.arm
-    centers = np.empty((placement.shape[0], arm.carrier.shape[0], 3))
-    for k in range(centers.shape[0]):
-        for node in range(centers.shape[1]):
-            x, y, z = find_center(arm, placement[k], node)
-            centers[k, node, 0], centers[k, node, 1], centers[k, node, 2] = x, y, z
-    return centers
-
-
-@kernel
 def _place_joints(chain: JointChain, configurations: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Placements of all joints, (k, J, 3, 4), and Pinocchio's `data.J`, (k, 6, nv).
 
@@ -148,66 +129,54 @@ def _place_joints(chain: JointChain, configurations: FloatArray) -> tuple[FloatA
     """
     count, joints = configurations.shape
     placement = np.empty((count, chain.parent.shape[0], 3, 4))
-    jacobian = np.zeros((count, 6, joints))
-    turned = np.empty((3, 3))
+    jacobian = np.empty((count, 6, joints))
+    own = np.empty((3, 4))
     for k in range(count):
         world = placement[k]
         for a in range(3):
             for b in range(4):
                 world[0, a, b] = 1.0 if a == b else 0.0
         for i in range(1, chain.parent.shape[0]):
-            _place_joint(chain, i, configurations[k, chain.column[i]], world, turned)
-            # Its column: the motion that it gives whatever is at the world's origin.
-            x, y, z = chain.axis[i, 0], chain.axis[i, 1], chain.axis[i, 2]
-            ax = world[i, 0, 0] * x + world[i, 0, 1] * y + world[i, 0, 2] * z
-            ay = world[i, 1, 0] * x + world[i, 1, 1] * y + world[i, 1, 2] * z
-            az = world[i, 2, 0] * x + world[i, 2, 1] * y + world[i, 2, 2] * z
             j = chain.column[i]
-            if chain.slides[i]:
-                jacobian[k, 0, j], jacobian[k, 1, j], jacobian[k, 2, j] = ax, ay, az
-            else:
-                px, py, pz = world[i, 0, 3], world[i, 1, 3], world[i, 2, 3]
-                jacobian[k, 0, j] = py * az - pz * ay
-                jacobian[k, 1, j] = pz * ax - px * az
-                jacobian[k, 2, j] = px * ay - py * ax
-                jacobian[k, 3, j], jacobian[k, 4, j], jacobian[k, 5, j] = ax, ay, az
+            _place_joint(chain, i, configurations[k, j], world, own)
+            # Its column: the motion that it gives whatever is at the world's origin.
+            lx, ly, lz = _turn(world[i], chain.motion[i, :3])
+            ax, ay, az = _turn(world[i], chain.motion[i, 3:])
+            px, py, pz = world[i, 0, 3], world[i, 1, 3], world[i, 2, 3]
+            jacobian[k, 0, j] = lx + py * az - pz * ay
+            jacobian[k, 1, j] = ly + pz * ax - px * az
+            jacobian[k, 2, j] = lz + px * ay - py * ax
+            jacobian[k, 3, j], jacobian[k, 4, j], jacobian[k, 5, j] = ax, ay, az
     return placement, jacobian
 
 
 @merged_kernel
+def _turn(place: FloatArray, vector: FloatArray) -> Vector:
+    """A vector in the frame of a joint that is placed so, (3, 4), in the world."""
+    x, y, z = vector[0], vector[1], vector[2]
+    return (
+        place[0, 0] * x + place[0, 1] * y + place[0, 2] * z,
+        place[1, 0] * x + place[1, 1] * y + place[1, 2] * z,
+        place[2, 0] * x + place[2, 1] * y + place[2, 2] * z,
+    )
+
+
+@merged_kernel
 def _place_joint(
-    chain: JointChain, i: int, position: float, world: FloatArray, turned: FloatArray
+    chain: JointChain, i: int, position: float, world: FloatArray, own: FloatArray
 ) -> None:
-    """Place joint i in the world, its parent being placed; `turned`, (3, 3), is room to work in."""
-    parent = chain.parent[i]
-    x, y, z = chain.axis[i, 0], chain.axis[i, 1], chain.axis[i, 2]
-    sine, cosine, slid = 0.0, 1.0, 0.0
-    if chain.slides[i]:
-        slid = position
-    else:
-        sine, cosine = math.sin(position), math.cos(position)
-    # Rodrigues' formula.
-    rest = 1.0 - cosine
-    turned[0, 0], turned[0, 1], turned[0, 2] = (
-        cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y,
-    )  # fmt: skip
-    turned[1, 0], turned[1, 1], turned[1, 2] = (
-        rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x,
-    )  # fmt: skip
-    turned[2, 0], turned[2, 1], turned[2, 2] = (
-        rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z,
-    )  # fmt: skip
-    fixed, place = chain.rotation[i], chain.translation[i]
+    """Place joint i in the world, its parent being placed; `own`, (3, 4), is room to work in."""
+    parent, terms = world[chain.parent[i]], chain.terms[i]
+    first, second = position, 0.0
+    if not chain.slides[i]:
+        first, second = math.sin(position), 1.0 - math.cos(position)
     for a in range(3):
-        r0, r1, r2 = world[parent, a, 0], world[parent, a, 1], world[parent, a, 2]
-        # The frame at zero, then what the joint does.
-        s0 = r0 * fixed[0, 0] + r1 * fixed[1, 0] + r2 * fixed[2, 0]
-        s1 = r0 * fixed[0, 1] + r1 * fixed[1, 1] + r2 * fixed[2, 1]
-        s2 = r0 * fixed[0, 2] + r1 * fixed[1, 2] + r2 * fixed[2, 2]
-        world[i, a, 3] = world[parent, a, 3] + r0 * place[0] + r1 * place[1] + r2 * place[2]
-        world[i, a, 3] += slid * (s0 * x + s1 * y + s2 * z)
-        for b in range(3):
-            world[i, a, b] = s0 * turned[0, b] + s1 * turned[1, b] + s2 * turned[2, b]
+        for b in range(4):
+            own[a, b] = terms[0, a, b] + first * terms[1, a, b] + second * terms[2, a, b]
+    for a in range(3):
+        for b in range(4):
+            moved = parent[a, 0] * own[0, b] + parent[a, 1] * own[1, b] + parent[a, 2] * own[2, b]
+            world[i, a, b] = moved + (parent[a, 3] if b == 3 else 0.0)
 
 
 @kernel
@@ -225,54 +194,38 @@ def _enclose(
         Middles and radii, in [m]: of each link in each `BLOCK` slabs, (blocks, links, 4), and of
         the whole arm, (4,).
     """
-    blocks = (half.shape[0] + BLOCK - 1) // BLOCK
-    balls, ball = np.empty((blocks, arm.tree.root.shape[0], 4)), np.empty(4)
-    lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
-    low, high = np.empty(3), np.empty(3)
-    centers = np.empty((BLOCK, 3))
-    for block in range(balls.shape[0]):
+    blocks, links = (half.shape[0] + BLOCK - 1) // BLOCK, arm.tree.root.shape[0]
+    balls, ball = np.empty((blocks, links, 4)), np.empty(4)
+    swept = np.empty((BLOCK, 4))
+    for block in range(blocks):
         first, last = block * BLOCK, min((block + 1) * BLOCK, half.shape[0])
-        for link in range(balls.shape[1]):
+        for link in range(links):
             root = arm.tree.root[link]
-            low[:], high[:] = np.inf, -np.inf
             for slab in range(first, last):
-                center = centers[slab - first]
-                center[0], center[1], center[2] = find_center(arm, placement[slab], root)
-                for a in range(3):
-                    low[a] = min(low[a], center[a])
-                    high[a] = max(high[a], center[a])
-            for a in range(3):
-                balls[block, link, a] = 0.5 * (low[a] + high[a])
-                lowest[a], highest[a] = min(lowest[a], low[a]), max(highest[a], high[a])
-            radius = checked = 0.0
-            for slab in range(first, last):
-                square = reach = 0.0
-                for a in range(3):
-                    off = centers[slab - first, a] - balls[block, link, a]
-                    square += off * off
+                one = swept[slab - first]
+                one[0], one[1], one[2] = find_center(arm, placement[slab], root)
+                one[3] = arm.tree.radius[root]
                 for j in range(half.shape[1]):
-                    reach += half[slab, j] * arm.lever[root, j]
-                radius = max(radius, math.sqrt(square) + reach)
-                checked += math.sqrt(square) + reach
-            # The greatest of some numbers may pass over one that is none.
-            radius = radius if checked < math.inf else math.inf
-            balls[block, link, 3] = radius + arm.tree.radius[root]
-            _widen(balls[block, link])
-    for a in range(3):
-        ball[a] = 0.5 * (lowest[a] + highest[a])
-    ball[3] = 0.0
-    for block in range(balls.shape[0]):
-        for link in range(balls.shape[1]):
-            square = 0.0
-            for a in range(3):
-                off = balls[block, link, a] - ball[a]
-                square += off * off
-            ball[3] = max(ball[3], math.sqrt(square) + balls[block, link, 3])
-    _widen(ball)
+                    one[3] += half[slab, j] * arm.lever[root, j]
+            _enclose_balls(swept[: last - first], balls[block, link])
+    _enclose_balls(balls.reshape((blocks * links, 4)), ball)
     return balls, ball
 
 
 @kernel
-def _widen(ball: FloatArray) -> None:
-    """Give a ball, (4,), room for the rounding of what it was made from."""
+def _enclose_balls(balls: FloatArray, ball: FloatArray) -> None:
+    """Fill a ball, (4,), around balls, (n, 4), with room for the rounding of what they are."""
+    for a in range(3):
+        low, high = math.inf, -math.inf
+        for k in range(balls.shape[0]):
+            low, high = min(low, balls[k, a]), max(high, balls[k, a])
+        ball[a] = 0.5 * (low + high)
+    radius = checked = 0.0
+    for k in range(balls.shape[0]):
+        x, y, z = balls[k, 0] - ball[0], balls[k, 1] - ball[1], balls[k, 2] - ball[2]
+        reach = math.sqrt(x * x + y * y + z * z) + balls[k, 3]
+        radius = max(radius, reach)
+        checked += reach
+    # The greatest of some numbers may pass over one that is none.
+    ball[3] = radius if checked < math.inf else math.inf
     ball[3] += SUM_ROUNDING * (abs(ball[0]) + abs(ball[1]) + abs(ball[2]) + abs(ball[3]))

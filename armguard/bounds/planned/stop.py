@@ -15,12 +15,14 @@ import numpy as np
 
 from armguard.bounds.checks import check_duration
 from armguard.bounds.planned.curve import (
+    curve_range,
     evaluate_curve,
     find_top_speeds,
     interval_at,
     interval_coefficients,
-    speed_range,
+    top_speed_between,
 )
+from armguard.bounds.planned.findings import FINE, HARD, UNCOVERED
 from armguard.bounds.planned.plan import MOST_SAMPLES, Plan, Refusal, read_plan
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
@@ -186,7 +188,7 @@ def _find_slowing(
     low, high = np.empty(q.shape[1]), np.empty(q.shape[1])
     while True:
         end = begin + min(passed, left)
-        speed_range(times, q, v, begin, end, low, high)
+        curve_range(times, q, v, begin, end, 1, low, high)
         speeds = np.maximum(high, -low)
         # By the first entry that covers the speed, or the last one, for rounding. A joint at rest
         # has nothing to brake.
@@ -211,9 +213,9 @@ def _find_slowing(
 
 @kernel
 def find_hard_stop(
-    times: FloatArray, q: FloatArray, v: FloatArray, allowed: FloatArray
-) -> tuple[int, float, float]:
-    """The first joint that comes to rest harder than allowed, that deceleration, and when.
+    times: FloatArray, q: FloatArray, v: FloatArray, speeds: FloatArray, brakes: BrakeCurves
+) -> tuple[int, int, float, float, float, float]:
+    """The first joint that comes to rest harder than brakes guarantee, in fields of a `Finding`.
 
     A joint's stop is its last phase of slowing down before it rests for good.
 
@@ -221,11 +223,17 @@ def find_hard_stop(
         times: Of the samples, in [s], rising. Shape (k,), k >= 2.
         q: Positions, in [rad] or [m]. Shape (k, nv).
         v: Velocities, the last ones 0, in [rad]/[s] or [m]/[s]. Shape (k, nv).
-        allowed: In [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        speeds: Greatest ones on the curve, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        brakes: What they guarantee.
 
     Returns:
-        -1 for the joint where there is none.
+        UNCOVERED where a joint is faster than brakes are stated for, HARD, or FINE.
     """
+    for j in range(q.shape[1]):
+        stated = brakes.speed[j, -1]
+        if not speeds[j] <= stated * (1.0 + LIMIT_SLACK):
+            return UNCOVERED, j, speeds[j], 0.0, stated, 0.0
+    allowed = find_gentlest_stop(brakes, speeds)
     for j in range(q.shape[1]):
         heading = 0.0
         # Backwards from the end: past where the joint rests, then through its last phase.
@@ -240,13 +248,13 @@ def find_hard_stop(
             first, last = -heading * 2.0 * c, -heading * (2.0 * c + 6.0 * d * h)
             # What rounding of the samples themselves does to those differences.
             size = (abs(q[k, j]) + abs(q[k + 1, j])) / h + abs(v[k, j]) + abs(v[k + 1, j])
-            slack = 8.0 * TERM_ROUNDING * size / h
+            slack = allowed[j] * LIMIT_SLACK + 8.0 * TERM_ROUNDING * size / h
             # The acceleration is linear between samples, so it is greatest at one of them.
             if not max(first, last) <= allowed[j] + slack:
-                return j, max(first, last), times[k]
+                return HARD, j, max(first, last), 0.0, allowed[j], times[k]
             if first <= 0.0 or heading * v[k, j] <= 0.0:
                 break
-    return -1, 0.0, 0.0
+    return FINE, -1, 0.0, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -277,10 +285,7 @@ def bound_path_braking(
         for j in range(q.shape[1]):
             h, c, d = interval_coefficients(times, q, v, k, j)
             bend = max(abs(2.0 * c), abs(2.0 * c + 6.0 * d * h))
-            pace = max(abs(v[k, j]), abs(v[k + 1, j]))
-            turn = -c / (3.0 * d) if d != 0.0 else 0.0
-            if 0.0 < turn < h:
-                pace = max(pace, abs(v[k, j] + turn * c))
+            pace = top_speed_between(v[k, j], v[k + 1, j], h, c, d)
             spare = braking[j] * (1.0 - SUM_ROUNDING) - bend
             if pace > 0.0 or not spare > 0.0:
                 found = spare / pace if spare > 0.0 else spare

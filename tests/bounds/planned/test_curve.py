@@ -1,20 +1,16 @@
 import numpy as np
 import pytest
 
+from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.curve import (
-    CURVE,
-    FINE,
-    POSITION,
-    RATE,
-    VELOCITY,
-    CurvePeaks,
     curve_range,
     evaluate_curve,
     find_excess,
     find_top_speeds,
-    speed_range,
 )
+from armguard.bounds.planned.findings import CURVE, FINE, POSITION, RATE, VELOCITY
 from support.plan_cases import Hermite
+from support.urdf_arms import hold
 
 FREE = np.full(3, 1e6)
 
@@ -45,35 +41,19 @@ def test_outside_its_times_the_curve_stays_at_its_ends():
         assert v == pytest.approx(samples[2][k], abs=1e-10)
 
 
-def test_ranges_are_those_of_dense_samples():
+@pytest.mark.parametrize(("order", "near"), [(0, 1e-4), (1, 1e-2)])
+def test_ranges_are_those_of_dense_samples(order, near):
     random = np.random.default_rng(2)
     low, high = np.empty(3), np.empty(3)
     for _ in range(200):
         samples = random_samples(random)
         first, last = np.sort(random.uniform(0.0, samples[0][-1], 2))
-        curve_range(*samples, first, last, low, high)
-        dense = Hermite(*samples)(np.linspace(first, last, 4001))
+        curve_range(*samples, first, last, order, low, high)
+        dense = Hermite(*samples)(np.linspace(first, last, 4001), order)
         assert (low <= dense.min(axis=0)).all()
         assert (high >= dense.max(axis=0)).all()
-        assert low == pytest.approx(dense.min(axis=0), abs=1e-4)
-        assert high == pytest.approx(dense.max(axis=0), abs=1e-4)
-        speed_range(*samples, first, last, low, high)
-        dense = Hermite(*samples)(np.linspace(first, last, 4001), 1)
-        assert (low <= dense.min(axis=0)).all()
-        assert (high >= dense.max(axis=0)).all()
-        assert low == pytest.approx(dense.min(axis=0), abs=1e-2, rel=1e-3)
-        assert high == pytest.approx(dense.max(axis=0), abs=1e-2, rel=1e-3)
-
-
-@pytest.mark.parametrize("slope", [0.0, 1.0, -2.0])
-def test_straight_lines_and_rest_have_no_turns(slope):
-    times = np.array([0.0, 0.5, 1.0])
-    q, v = np.repeat(slope * times[:, None], 3, axis=1), np.full((3, 3), slope)
-    low, high = np.empty(3), np.empty(3)
-    curve_range(times, q, v, 0.25, 0.75, low, high)
-    assert low == pytest.approx(np.full(3, min(0.25 * slope, 0.75 * slope)))
-    assert high == pytest.approx(np.full(3, max(0.25 * slope, 0.75 * slope)))
-    assert low[0] <= high[0]
+        assert low == pytest.approx(dense.min(axis=0), abs=near, rel=1e-3)
+        assert high == pytest.approx(dense.max(axis=0), abs=near, rel=1e-3)
 
 
 def dense_peaks(samples):
@@ -89,43 +69,51 @@ def dense_peaks(samples):
     )
 
 
+def excess(samples, lower=-FREE, upper=FREE, fastest=FREE, acceleration=FREE):
+    """What `find_excess` says of joints without errors; and the peaks that it fills."""
+    zero, peaks = np.zeros(3), np.full((2, 3), np.nan)
+    limits = JointLimits(
+        lower, upper, fastest, acceleration, hold(FREE), zero, zero, fastest, acceleration
+    )
+    return find_excess(*samples, limits, *peaks), peaks
+
+
 def test_excess_is_found_where_dense_samples_find_it():
     random = np.random.default_rng(3)
-    peaks = CurvePeaks(*np.zeros((2, 3)))
     for _ in range(100):
         samples = random_samples(random)
         low, high, pace, bend = dense_peaks(samples)
         more, less = 1.0 + 1e-5, 1.0 - 1e-5
         tight = low - 1e-5, high + 1e-5, pace * more, bend * more
-        assert find_excess(*samples, *tight, peaks)[0] == FINE
-        assert peaks.acceleration == pytest.approx(bend, rel=1e-6)
-        assert (peaks.speed == find_top_speeds(*samples)).all()
-        assert find_excess(*samples, low + 1e-5, *tight[1:], peaks)[0] == POSITION
-        assert find_excess(*samples, tight[0], high - 1e-5, *tight[2:], peaks)[0] == POSITION
-        assert find_excess(*samples, *tight[:2], pace * less, tight[3], peaks)[0] == VELOCITY
-        assert find_excess(*samples, *tight[:3], bend * less, peaks)[0] in (RATE, CURVE)
+        found, (acceleration, speed) = excess(samples, *tight)
+        assert found[0] == FINE
+        assert acceleration == pytest.approx(bend, rel=1e-6)
+        assert (speed == find_top_speeds(*samples)).all()
+        for row, change, kinds in (
+            (0, low + 1e-5, [POSITION]),
+            (1, high - 1e-5, [POSITION]),
+            (2, pace * less, [VELOCITY]),
+            (3, bend * less, [RATE, CURVE]),
+        ):
+            assert excess(samples, *tight[:row], change, *tight[row + 1 :])[0][0] in kinds
 
 
 def test_velocities_apart_and_velocities_beside_positions_are_told_apart():
-    times, peaks = np.array([0.0, 0.1]), CurvePeaks(*np.zeros((2, 3)))
-    limits = -FREE, FREE, FREE, np.full(3, 2.0)
-    still, moved = np.zeros((2, 3)), np.zeros((2, 3))
+    times, still, moved = np.array([0.0, 0.1]), np.zeros((2, 3)), np.zeros((2, 3))
     moved[1, 2] = 0.5
-    assert find_excess(times, still, moved, *limits, peaks)[:3] == (RATE, 2, 0)
-    assert find_excess(times, moved, still, *limits, peaks)[:3] == (CURVE, 2, 0)
+    for q, v, kind in ((still, moved, RATE), (moved, still, CURVE)):
+        assert excess((times, q, v), acceleration=np.full(3, 2.0))[0][:2] == (kind, 2)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e308])
 def test_nonsense_is_never_fine(bad):
-    peaks = CurvePeaks(*np.zeros((2, 3)))
     for place in range(2):
         samples = random_samples(np.random.default_rng(4))
         samples[1 + place][3, 1] = bad
-        assert find_excess(*samples, -FREE, FREE, FREE, FREE, peaks)[0] != FINE
+        assert excess(samples)[0][0] != FINE
 
 
 def test_times_too_close_to_tell_are_never_fine():
-    times, peaks = np.array([0.0, 1e-200]), CurvePeaks(*np.zeros((2, 3)))
     q = np.zeros((2, 3))
     q[1] = 1e-3
-    assert find_excess(times, q, np.zeros((2, 3)), -FREE, FREE, FREE, FREE, peaks)[0] != FINE
+    assert excess((np.array([0.0, 1e-200]), q, np.zeros((2, 3))))[0][0] != FINE

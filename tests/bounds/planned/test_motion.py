@@ -4,17 +4,11 @@ import pytest
 
 from armguard.bounds import (
     CheckedPlan,
-    JointMotion,
-    Plan,
     PlannedMotion,
     check_plan,
-    table_contact_time,
 )
-from armguard.bounds.table_time import ArmSphere
-from armguard.contact.bodies import Bounds, Hull
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.robot import Kinematics
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.motion_questions import HAND_POINT, unit
@@ -95,59 +89,6 @@ def test_advance_is_never_exceeded_and_never_falls(robot, motion):
             if bound > 0.02:
                 closest = max(closest, furthest / bound)
     assert closest > 0.8
-
-
-def test_under_a_plan_contact_is_later_than_under_joint_bounds(robot, motion):
-    random = np.random.default_rng(2)
-    joint, later, never = JointMotion(robot), 0, 0
-    data = robot.model.createData()
-    for _ in range(40):
-        _, waves, _, course = lay_out(robot, motion, random)
-        q, v = waves.position(0.0), waves.velocity(0.0)
-        jacobian = pinocchio.computeJointJacobians(robot.model, data, q)
-        table = joint.tabulate(q, v, 0.0)
-        # Beside the hand, closer than joint bounds can spare for as long as the plan takes.
-        place = place_course(motion, course)[0, motion._arm.tree.root[-3]] + unit(
-            random
-        ) * random.uniform(0.5, 1.2)
-        obstacles = Obstacles()
-        obstacles.update(["ball"], 0.0, [place], np.zeros((1, 3)), radius=0.1)
-        body, row = obstacles.table.accepted, int(np.flatnonzero(obstacles.table.alive)[0])
-        hull = Hull(body.points[row], body.velocities[row], 1, Bounds(10.0, 2.0, 0.0, 0.0))
-        free = np.inf
-        for sphere in np.flatnonzero(motion._arm.tree.first_child < 0):
-            center = data.oMi[int(motion._kinematics.spheres.joint[sphere])].act(
-                motion._kinematics.spheres.local[sphere]
-            )
-            reach = motion._arm.tree.radius[sphere] + 0.1 + joint.position_error[sphere]
-            bounded = ArmSphere(*center, jacobian, joint.lever[sphere], joint.slope_error[sphere])
-            free = min(free, table_contact_time(bounded, table, hull, reach, 0.0))
-        planned = ask(motion, course, obstacles, len(robot.links), 0.0).time
-        later += planned > free
-        never += planned == np.inf
-    assert later > 30
-    assert never > 3
-
-
-def test_balls_around_a_lift_hold_all_that_it_carries_at_both_ends():
-    """Tiago rests, but for its lift, which may be off by as much as its deviation."""
-    robot = load_holding("tiago")
-    motion, lift = PlannedMotion(robot), robot.joints.index("torso_lift_joint")
-    q = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
-    still, errors = np.zeros(len(q)), np.full(len(q), 1e-6)
-    errors[lift] = 0.1
-    plan = Plan(0.0, np.array([0.0, 0.3]), np.array([q, q]), np.array([still, still]), errors)
-    checked = check_plan(plan, robot, 0.0, q, still, 0.0)
-    course, kinematics = motion.lay_out(checked), Kinematics(robot)
-    spheres = kinematics.spheres
-    for way in (-1.0, 1.0):
-        off = q.copy()
-        off[lift] += way * checked.deviation[lift]
-        kinematics.compute(off, still)
-        for ball in (*course.block_balls[:3], np.tile(course.arm_ball, (len(robot.links), 1))):
-            away = np.linalg.norm(kinematics.centers - ball[spheres.link, :3], axis=1)
-            used = (away + spheres.radius)[spheres.root]
-            assert (used <= ball[:, 3]).all()
 
 
 def test_a_moved_base_moves_everything(robot, motion):

@@ -11,12 +11,12 @@ from armguard.bounds.planned.placing import (
     check_chain,
     make_chain,
     place_all,
-    place_spheres,
 )
 from armguard.exceptions import ArmguardError
 from armguard.jit.handle import pack
 from armguard.robot import Kinematics
 from support.example_arms import load_arm
+from support.plan_cases import place_spheres
 
 ASIDE = pinocchio.SE3(pinocchio.rpy.rpyToMatrix(0.3, -0.7, 2.0), np.array([0.5, -1.0, 0.2]))
 
@@ -45,9 +45,9 @@ def test_places_are_those_of_pinocchio(name, base):
     robot, random = load_arm(name), np.random.default_rng(0)
     kinematics = Kinematics(robot, base)
     configurations = draw_configurations(robot, 20, random)
-    _, handle = pack_arm(robot, kinematics, random)
+    arm, handle = pack_arm(robot, kinematics, random)
     placement, jacobian, _, _ = place_all(handle, configurations, np.zeros_like(configurations))
-    centers = place_spheres(handle, placement)
+    centers = place_spheres(arm, placement)
     for k, q in enumerate(configurations):
         kinematics.compute(q, np.zeros(len(q)))
         np.testing.assert_allclose(centers[k], kinematics.centers, rtol=0.0, atol=1e-13)
@@ -62,7 +62,7 @@ def test_balls_contain_what_they_are_around(slabs):
     configurations = draw_configurations(robot, slabs, random)
     half = random.uniform(0.0, 0.1, (slabs, len(robot.joints)))
     placement, _, balls, ball = place_all(handle, configurations, half)
-    centers = place_spheres(handle, placement)
+    centers = place_spheres(arm, placement)
     assert balls.shape == (-(-slabs // BLOCK), len(arm.tree.root), 4)
     for slab in range(slabs):
         reach = arm.lever[arm.tree.root] @ half[slab] + arm.tree.radius[arm.tree.root]
@@ -80,7 +80,7 @@ def test_what_is_not_finite_is_anywhere():
     configurations = draw_configurations(robot, 2 * BLOCK, random)
     configurations[3, 2] = np.nan
     placement, _, balls, ball = place_all(handle, configurations, np.zeros_like(configurations))
-    centers = place_spheres(handle, placement)
+    centers = place_spheres(arm, placement)
     moved = np.isnan(centers[3, arm.tree.root]).any(axis=1)
     assert moved.any()
     assert not (balls[0, moved, 3] < np.inf).any()

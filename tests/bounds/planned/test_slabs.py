@@ -3,14 +3,13 @@
 ARMGUARD_MOTIONS sets how many joint motions are tried in all; a million take an hour.
 """
 
+import functools
 import os
 
 import numpy as np
 import pytest
 
-from armguard.bounds import CheckedPlan, Plan, check_plan, stop_on_path
-from armguard.bounds.limits import read_limits
-from armguard.bounds.planned.slabs import SlabMaker
+from armguard.bounds import CheckedPlan, Plan, PlannedMotion, check_plan, stop_on_path
 from support.example_arms import load_holding
 from support.hostile_joints import STEP
 from support.plan_cases import Follower, Hermite, Waves, make_plan
@@ -25,26 +24,31 @@ def robot(request):
     return load_holding(request.param)
 
 
-def draw_plan(robot, random, speed=None, share=None, **changes):
+@functools.cache
+def find_motion(robot):
+    return PlannedMotion(robot)
+
+
+def draw_plan(robot, random):
     """A motion, and its plan with errors that are stated or not."""
     nv, duration = len(robot.joints), 0.01 * random.integers(5, 30)
-    waves = Waves(robot, random, random.choice([0.1, 0.5]) if speed is None else speed)
-    if share is not None:
-        waves.size *= share
+    waves = Waves(robot, random, random.choice([0.1, 0.5]))
     errors = random.choice([1e-4, 2e-3, 1e-2]) * np.ones(nv)
     speeds = random.choice([0.02, 0.1]) * np.ones(nv) if random.random() < 0.5 else None
     times = np.linspace(0.0, duration, random.integers(12, 60))
-    return waves, make_plan(robot, waves, 0.0, times, errors, speeds, **changes)
+    return waves, make_plan(robot, waves, 0.0, times, errors, speeds)
 
 
 def check(robot, plan, now=0.0, q=None, v=None):
-    """The plan as checked where the arm is on it, or at a state of its own."""
+    """The plan as checked where the arm is on it, or at a state of its own; however late."""
     curve = Hermite(plan.times, plan.q, plan.v)
     at = np.clip(now - plan.stamp, 0.0, plan.times[-1])
     q, v = curve(at) if q is None else q, curve(at, 1) if v is None else v
-    checked = check_plan(plan, robot, now, q, v, now, longest_lag=np.inf)
+    begun = min(now, plan.stamp)
+    there = (q, v) if begun == now else (plan.q[0], plan.v[0])
+    checked = check_plan(plan, robot, begun, *there, begun)
     assert isinstance(checked, CheckedPlan), checked
-    return checked
+    return checked._replace(now=now, measured_stamp=now, measured_q=q, measured_v=v)
 
 
 def measure(checked, robot, random, q, v):
@@ -68,14 +72,14 @@ def find_most(slabs, time, q, until):
 
 
 def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
-    random, maker, most = np.random.default_rng(1), SlabMaker(read_limits(robot)), []
+    random, motion, most = np.random.default_rng(1), find_motion(robot), []
     for _ in range(20 * MORE):
         waves, plan = draw_plan(robot, random)
         now = STEP * random.integers(-30, 40)
         follower = Follower(robot, waves, plan, random, 30, now - 0.01, max(now, 0.0))
         step = follower.index(now)
         state = {"q": follower.q[step, 0], "v": follower.v[step, 0]} if now < 0.0 else {}
-        slabs = maker.lay_piece(check(robot, plan, now, **state))
+        slabs = motion.lay_out(check(robot, plan, now, **state))
         # Before the piece begins joints are free; there are slabs for the one that was measured.
         arms = 30 if now >= 0.0 else 1
         assert slabs.end[-1] >= plan.times[-1] - now
@@ -87,7 +91,7 @@ def test_joints_stay_in_the_slabs_of_their_piece_until_they_rest(robot):
 
 
 def test_until_a_piece_begins_joints_are_on_those_before(robot):
-    random, maker = np.random.default_rng(2), SlabMaker(read_limits(robot))
+    random, motion = np.random.default_rng(2), find_motion(robot)
     for _ in range(20):
         waves, plan = draw_plan(robot, random)
         _, first = draw_plan(robot, random)
@@ -96,7 +100,7 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
             make_plan(robot, waves, -0.05, np.linspace(0, 0.2, 41), first.tracking_error),
             now=-0.03,
         )
-        slabs = maker.lay_piece(
+        slabs = motion.lay_out(
             check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03)), [first]
         )
         before = slabs.end <= 0.03 + 1e-12
@@ -106,7 +110,7 @@ def test_until_a_piece_begins_joints_are_on_those_before(robot):
 
 
 def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
-    random, maker, most = np.random.default_rng(6), SlabMaker(read_limits(robot)), []
+    random, motion, most = np.random.default_rng(6), find_motion(robot), []
     for _ in range(20 * MORE):
         waves, plan = draw_plan(robot, random)
         now = STEP * random.integers(0, 40)
@@ -116,7 +120,7 @@ def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
         checked = check(robot, plan, now)
         for arm in range(30):
             measured = measure(checked, robot, random, follower.q[seen, arm], follower.v[seen, arm])
-            slabs = maker.lay_left_piece(measured)
+            slabs = motion.lay_out_left(measured)
             assert slabs.end[-1] + STEP >= follower.resting[arm] - now
             time = follower.time - now
             most.append(find_most(slabs, time, follower.q[:, arm], slabs.end[-1]))
@@ -126,15 +130,15 @@ def test_joints_that_leave_a_piece_when_they_like_stay_in_the_slabs(robot):
 
 def test_an_arm_that_leaves_while_it_waits_is_on_the_piece_before():
     robot, random = load_holding("panda"), np.random.default_rng(7)
-    maker = SlabMaker(read_limits(robot))
+    motion = find_motion(robot)
     waves, plan = draw_plan(robot, random)
     times = np.linspace(0.0, 0.2, 41)
     first = check(robot, make_plan(robot, waves, -0.05, times, plan.tracking_error), now=-0.03)
     later = check(robot, plan, -0.03, waves.position(-0.03), waves.velocity(-0.03))
-    assert maker.lay_left_piece(later) is None, "joints are free until it begins"
-    waiting = maker.lay_left_piece(later, [first])
+    assert motion.lay_out_left(later) is None, "joints are free until it begins"
+    waiting = motion.lay_out_left(later, [first])
     begun = waiting.start >= 0.03 - 1e-12
-    kept = maker.lay_piece(later, [first])
+    kept = motion.lay_out(later, [first])
     for slabs in (waiting, kept):
         assert slabs.start[0] == 0.0
         assert np.array_equal(slabs.start[1:], slabs.end[:-1])
@@ -169,7 +173,7 @@ def holds(inner, outer):
 
 def test_more_error_and_a_longer_latency_never_say_less():
     robot, random = load_holding("panda"), np.random.default_rng(5)
-    maker = SlabMaker(read_limits(robot))
+    motion = find_motion(robot)
     for _ in range(20):
         _, plan = draw_plan(robot, random)
         errors, speeds = np.full(7, 1e-3), np.full(7, 0.02)
@@ -180,39 +184,32 @@ def test_more_error_and_a_longer_latency_never_say_less():
             plan._replace(velocity_tracking_error=2.0 * speeds),
             plan._replace(velocity_tracking_error=None),
         ):
-            assert holds(maker.lay_piece(checked), maker.lay_piece(check(robot, worse, 0.05)))
-        assert holds(maker.lay_left_piece(checked), maker.lay_left_piece(checked, latency=0.02))
+            assert holds(motion.lay_out(checked), motion.lay_out(check(robot, worse, 0.05)))
+        assert holds(motion.lay_out_left(checked), motion.lay_out_left(checked, latency=0.02))
 
 
-def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation():
+@pytest.mark.parametrize("now", [0.0, 0.08])
+def test_slabs_on_the_curve_are_as_wide_as_the_motion_and_the_deviation(now):
     robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(2), 0.3)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
-    checked = check(robot, plan)
-    slabs = SlabMaker(read_limits(robot)).lay_piece(checked)
-    for k in np.flatnonzero(slabs.end <= 0.2 + 1e-12):
-        within = waves.position(np.linspace(slabs.start[k], slabs.end[k], 100))
+    checked = check(robot, plan, now)
+    slabs = find_motion(robot).lay_out(checked)
+    for k in np.flatnonzero(slabs.end <= 0.2 - now + 1e-12):
+        within = waves.position(now + np.linspace(slabs.start[k], slabs.end[k], 100))
         half = 0.5 * np.ptp(within, axis=0) + checked.deviation
         assert slabs.half[k] == pytest.approx(half, rel=1e-3)
+        assert slabs.middle[k] == pytest.approx(0.5 * (within[0] + within[-1]), abs=1e-3)
 
 
 def test_a_long_piece_gets_longer_slabs_but_no_gaps():
     robot = load_holding("panda")
     waves = Waves(robot, np.random.default_rng(3), 0.1)
     plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 30.0, 3001), np.full(7, 2e-3))
-    slabs = SlabMaker(read_limits(robot)).lay_piece(check(robot, plan))
+    slabs = find_motion(robot).lay_out(check(robot, plan))
     assert len(slabs.start) < 300
     assert np.array_equal(slabs.start[1:], slabs.end[:-1])
     assert slabs.end[-1] > 30.0
-
-
-def test_what_is_over_is_left_out():
-    robot = load_holding("panda")
-    waves = Waves(robot, np.random.default_rng(4), 0.3)
-    plan = make_plan(robot, waves, 0.0, np.linspace(0.0, 0.2, 41), np.full(7, 2e-3))
-    slabs = SlabMaker(read_limits(robot)).lay_piece(check(robot, plan, 0.08))
-    assert slabs.start[0] == 0.0
-    assert abs(slabs.middle[0] - waves.position(0.0825)).max() < 2e-3
 
 
 def test_an_arm_at_rest_stays_where_it_is():
@@ -220,8 +217,8 @@ def test_an_arm_at_rest_stays_where_it_is():
     q, still = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
     plan = Plan(0.0, [0.0, 0.5], [q, q], [still, still], np.full(7, 1e-3), np.full(7, 0.01))
     assert stop_on_path(robot, plan).times[-1] == pytest.approx(0.5, abs=1e-5)
-    checked, maker = check(robot, plan), SlabMaker(read_limits(robot))
-    for slabs in (maker.lay_piece(checked), maker.lay_left_piece(checked)):
+    checked, motion = check(robot, plan), find_motion(robot)
+    for slabs in (motion.lay_out(checked), motion.lay_out_left(checked)):
         assert slabs.middle == pytest.approx(np.tile(q, (len(slabs.middle), 1)), abs=1e-3)
         # Off it, and swinging about it, by no more than it may.
         assert slabs.half.max() < 4e-3

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.bounds import Plan, append_stop, stop_on_path
-from armguard.bounds.planned.check import StopCheck
+from armguard.bounds import CheckedPlan, Plan, Refusal, append_stop, stop_on_path
+from armguard.bounds.planned.check import PlanCheck
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.stop import bound_path_braking
 from armguard.exceptions import ArmguardError
@@ -10,7 +10,7 @@ from armguard.robot import Robot
 from armguard.robot.brakes import find_gentlest_stop
 from support.example_arms import load_holding
 from support.plan_cases import Hermite, Waves
-from support.short_plans import HOME, TIMES, check, moved, resting
+from support.short_plans import HOME, NOW, TIMES, moved, resting
 
 
 @pytest.fixture(scope="module")
@@ -18,13 +18,20 @@ def robot():
     return load_holding("panda")
 
 
+def find_hard_stop(robot, plan):
+    """Why the robot's brakes do not guarantee a plan's stop; None if they do."""
+    check = PlanCheck(robot, robot.brakes.make_curves())
+    found = check.check(plan, NOW, plan.q[0], plan.v[0], NOW)
+    assert isinstance(found, CheckedPlan | Refusal)
+    return found if isinstance(found, Refusal) else None
+
+
 def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
     braking = robot.braking_deceleration
     plan = moved(0, 0.1 * TIMES, 0.1)
     for part, is_fine in ((0.5, True), (1.0, True), (1.01, False), (2.0, False)):
         stopped = append_stop(plan, part * braking)
-        checked = check(robot, stopped, stops=False)
-        refusal = StopCheck(robot, robot.brakes.make_curves()).check(checked)
+        refusal = find_hard_stop(robot, stopped)
         assert (refusal is None) is is_fine
         if refusal is not None:
             assert refusal.subject == robot.joints[0]
@@ -35,8 +42,7 @@ def test_a_stop_harder_than_brakes_guarantee_is_told(robot):
             q=np.concatenate([stopped.q, stopped.q[-1:], stopped.q[-1:]]),
             v=np.concatenate([stopped.v, stopped.v[-1:], stopped.v[-1:]]),
         )
-        found = StopCheck(robot, robot.brakes.make_curves()).check(check(robot, later, stops=False))
-        assert (found is None) is is_fine
+        assert (find_hard_stop(robot, later) is None) is is_fine
 
 
 def test_a_stop_that_gets_harder_between_two_samples_is_judged_by_where_it_is_hardest(robot):
@@ -51,8 +57,7 @@ def test_a_stop_that_gets_harder_between_two_samples_is_judged_by_where_it_is_ha
             q[1, 0] += way
             v[0, 0] = pace
             plan = resting(times=np.array([0.0, lasting]), q=q, v=v)
-            checked = check(robot, plan, stops=False)
-            refusal = StopCheck(robot, robot.brakes.make_curves()).check(checked)
+            refusal = find_hard_stop(robot, plan)
             assert (refusal is None) is is_fine, (peak, grows)
             if refusal is not None:
                 assert refusal.subject == robot.joints[0]
@@ -188,8 +193,7 @@ def test_a_stop_anywhere_is_a_plan_that_can_be_checked(robot):
             stopped = stop_on_path(robot, plan, at=at)
             assert stopped.times[0] == 0.0
             assert (np.diff(stopped.times) > 9e-7).all()
-            checked = check(robot, stopped, stops=False)
-            assert StopCheck(robot, robot.brakes.make_curves()).check(checked) is None
+            assert find_hard_stop(robot, stopped) is None
 
 
 def test_what_cannot_be_stopped_on_is_refused_by_name(robot):
@@ -224,7 +228,4 @@ def test_an_appended_stop_goes_on_smoothly_and_no_harder_than_brakes(robot, on_p
         if on_path and pace.any():
             off = q[-1] - plan.q[-1]
             np.testing.assert_allclose(off, 0.5 * (times[-1] - TIMES[-1]) * pace, atol=1e-12)
-        assert (
-            StopCheck(robot, robot.brakes.make_curves()).check(check(robot, stopped, stops=False))
-            is None
-        )
+        assert find_hard_stop(robot, stopped) is None
