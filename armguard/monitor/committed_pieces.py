@@ -334,7 +334,7 @@ class CommittedPieces:
         q = np.tile(tick.q, (2, 1))
         rest = Plan(0.0, np.array([0.0, 1.0]), q, np.zeros_like(q), np.ones(q.shape[1]))
         for _ in range(2):
-            self.commit(rest, tick)
+            self.commit(self.with_stop(rest), tick)
         self.update(tick, 0.0, disturbed=False, unplaced=False)
         self.reset()
 
