@@ -2,7 +2,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from armguard.bounds import IsotropicMotion
+from armguard.bounds import IsotropicMotion, compute_levers
 from armguard.exceptions import ArmguardError
 from armguard.robot import Kinematics
 
@@ -110,6 +110,14 @@ def test_arrays_cannot_be_written(motion, models):
     for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
+
+
+def test_velocity_errors_count_in_full_however_short_the_time(robot, motion):
+    q, t = np.array([0.0, 0.3, 0.0, -1.5, 0.0, 1.8, 0.0]), 1e-6
+    for link in robot.links:
+        lever = compute_levers(robot, link, [[0.0, 0.1, 0.2]])[0]
+        bound = motion.advance(q, np.zeros(7), link, [0.0, 0.1, 0.2], [0.0, 0.6, 0.8], t)
+        assert t * lever @ robot.velocity_error <= bound < 2.0 * t * lever @ robot.velocity_error
 
 
 def test_moving_away_is_credited(robot, motion):
