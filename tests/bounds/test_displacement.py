@@ -5,9 +5,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds.displacement import arrival, brake
+from armguard.bounds.displacement import arrival, brake, fill_displacements
 from armguard.bounds.free_body import free_displacement
+from armguard.bounds.limits import JointLimits
 from armguard.robot.brakes import Stop
+from support.urdf_arms import hold
 
 
 def integrate(rates, step):
@@ -54,3 +56,78 @@ def test_braking_is_slow_forwards_and_hard_backwards(velocity):
     found = [brake(velocity, accel, stop, s) for s in times[::500]]
     assert found == pytest.approx(integrate(rates, times[1])[::500], abs=1e-6)
     assert brake(velocity, accel, stop, 1e6) == pytest.approx(found[-1])
+
+
+DT = 1e-3
+
+
+def random_joints(random, count):
+    """Limits and errors of joints, half of them near a stop, and how they truly are."""
+    top, accel = random.uniform(0.3, 2.0, count), random.uniform(2.0, 20.0, count)
+    room = random.uniform(0.02, 1.0, (2, count)) * random.choice([0.1, 1.0, np.inf], (2, count))
+    limits = JointLimits(
+        -room[0], room[1], top, accel, hold(accel * random.uniform(0.2, 1.0, count)),
+        random.choice([0.0, 1e-3, 0.02], count), random.choice([0.0, 0.02, 0.2], count), top, accel,
+    )  # fmt: skip
+    return limits, np.zeros(count), top * random.uniform(-1.0, 1.0, count)
+
+
+def move(random, limits, q, v, free, steps):
+    """Displacements of joints that do as they like, and stop dead at their stops: (steps, n).
+
+    They are free at first, and brake then.
+    """
+    top, accel, start = limits.velocity, limits.acceleration, q
+    pushes = random.choice([-1.0, 1.0, 0.0], (3, len(q)), p=[0.45, 0.45, 0.1])
+    turns = np.sort(random.uniform(0.0, 0.4, (2, len(q))), axis=0)
+    held = limits.brakes.deceleration[:, 0]
+    rate = held + random.choice([0.0, 1.0], len(q)) * (accel - held)
+    turned = (DT * np.arange(steps)[:, None, None] > turns).sum(axis=1)
+    pushes = np.take_along_axis(pushes, turned, axis=0) * accel * DT
+    ways = np.zeros((steps, len(q)))
+    for k in range(steps - 1):
+        if k * DT < free - 1e-09:
+            after = np.minimum(np.maximum(v + pushes[k], -top), top)
+        else:
+            after = np.sign(v) * np.maximum(np.abs(v) - rate * DT, 0.0)
+        moved = q + 0.5 * DT * (v + after)
+        q = np.minimum(np.maximum(moved, limits.lower), limits.upper)
+        v = np.where(q == moved, after, 0.0)
+        ways[k + 1] = q - start
+    return ways
+
+
+@pytest.mark.parametrize("age", [-0.05, 0.0, 0.03])
+@pytest.mark.parametrize("free", [np.inf, 0.05, 0.1, 0.2, 0.3])
+def test_no_joint_gets_further_whatever_stop_it_comes_back_from(age, free):
+    random, closest = np.random.default_rng(2), np.zeros(2)
+    time = 0.01 * np.arange(61)
+    for _ in range(3):
+        limits, true_q, true_v = random_joints(random, 1500)
+        q = true_q + limits.position_error * random.choice([-1.0, 1.0], 1500)
+        v = true_v + limits.velocity_error * random.choice([-1.0, 1.0], 1500)
+        high, low = np.empty((2, len(time), 1500))
+        highest, lowest = np.empty((2, 1500))
+        fill_displacements(q, v, age, free, limits, time, high, low, highest, lowest)
+        high, low = np.minimum(high, highest), np.maximum(low, lowest)
+        slack = 1e-9 + limits.acceleration * DT**2
+        # What was measured beyond a limit, by no more than its error, may be so.
+        truly = limits._replace(
+            lower=np.minimum(limits.lower, q),
+            upper=np.maximum(limits.upper, q),
+            velocity=np.maximum(limits.velocity, np.abs(v)),
+        )
+        at = np.rint((age + time) / DT).astype(int)
+        after, before = at >= 0, at < 0
+        for _ in range(5):
+            ways = move(random, truly, true_q, true_v, free, at[-1] + 1)[at[after]]
+            assert (ways <= high[after] + slack).all()
+            assert (ways >= low[after] - slack).all()
+            closest[0] = max(closest[0], (ways[-1] / np.maximum(high[-1], 0.05)).max())
+            closest[1] = max(closest[1], (ways[-1] / np.minimum(low[-1], -0.05)).max())
+        # As it may have come to where it was measured.
+        came = true_v * (age + time[before])[:, None]
+        inside = (truly.lower <= true_q + came) & (true_q + came <= truly.upper)
+        assert (came <= high[before] + slack)[inside].all()
+        assert (came >= low[before] - slack)[inside].all()
+    assert (closest > 0.95).all()
