@@ -37,10 +37,10 @@ far, so that hardly less is proved."""
 CAUTIOUS_TIME = 1.0
 """For how long after a fall of the scale a higher one must be proved for `RISE_PROVING`, [s]."""
 
-RISE_PROVING = 35e-3
-"""For how long a higher scale must be proved after a fall before it is given out, [s]: the period
-of a camera at 30 Hz, and a little more. What is known of an obstacle gets vaguer until its next
-message, and a scale that is proved for less falls again before that. Without a fall no more than
+RISE_PROVING = 50e-3
+"""For how long a higher scale must be proved after a fall before it is given out, [s]: one and a
+half periods of a camera at 30 Hz. What is known of an obstacle gets vaguer until its next message,
+and a scale that is proved for less falls again before that. Without a fall no more than
 `SCALE_PROVING` is asked: the whole speed is often safe where a part of it cannot be proved for so
 long (`benchmarks/bench_scale.py`)."""
 
