@@ -43,6 +43,7 @@ from numba.core import lowering as numba_lowering
 from numba.core import serialize as numba_serialize
 from numba.core import typed_passes as numba_passes
 from numba.core import untyped_passes as numba_untyped_passes
+from numba.core.runtime import context as numba_runtime
 from numba.np import arrayobj as numba_arrayobj
 
 from armguard.jit import carried
@@ -65,6 +66,7 @@ lowering: Any = numba_lowering
 machinery: Any = numba_machinery
 njit: Any = numba.njit
 passes: Any = numba_passes
+runtime: Any = numba_runtime
 serialize: Any = numba_serialize
 types: Any = numba_types
 untyped_passes: Any = numba_untyped_passes
@@ -157,6 +159,17 @@ def _find_operator(context: Any, function: Any) -> Any:
 # Code
 
 
+class Owners(runtime.NRTContext):  # type: ignore[misc]  # a class of unknown type
+    """Finds what counts the references to an array, and reads nothing else of it."""
+
+    def get_meminfos(self, builder: Any, kind: Any, value: Any) -> Any:
+        """Type and owner of all that a value consists of and references are counted to."""
+        if isinstance(kind, types.Array):
+            place = self._context.data_model_manager[kind].get_field_position("meminfo")
+            return [(kind, builder.extract_value(value, place))]
+        return super().get_meminfos(builder, kind, value)
+
+
 class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
     """Writes the code of one function as Numba does, and the address of an item at once.
 
@@ -169,6 +182,7 @@ class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
         super().init()
         # The context is a copy, for this function alone.
         self.context.typing_context = OperatorTypes(self.context.typing_context)
+        self.context.nrt = Owners(self.context, self.context.enable_nrt)
         self._borrowed: set[str] = set()
 
     def lower_assign(self, resty: Any, inst: Any) -> Any:
