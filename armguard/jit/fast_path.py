@@ -42,8 +42,10 @@ from numba.core import ir as numba_ir
 from numba.core import lowering as numba_lowering
 from numba.core import serialize as numba_serialize
 from numba.core import typed_passes as numba_passes
+from numba.core import typing as numba_typing
 from numba.core import untyped_passes as numba_untyped_passes
 from numba.core.runtime import context as numba_runtime
+from numba.cpython import builtins as numba_builtins
 from numba.np import arrayobj as numba_arrayobj
 
 from armguard.jit import carried
@@ -54,6 +56,7 @@ from armguard.jit.progress import follow
 
 # Numba's functions are untyped: they are called as anything is.
 arrayobj: Any = numba_arrayobj
+builtins: Any = numba_builtins
 cgutils: Any = numba_cgutils
 codegen: Any = numba_codegen
 compiler: Any = numba_compiler
@@ -69,6 +72,7 @@ passes: Any = numba_passes
 runtime: Any = numba_runtime
 serialize: Any = numba_serialize
 types: Any = numba_types
+typing: Any = numba_typing
 untyped_passes: Any = numba_untyped_passes
 
 # Operators
@@ -114,6 +118,15 @@ def _is_plain(kind: Any) -> bool:
     return isinstance(kind, types.Number | types.Boolean | types.Array) and kind.is_precise()
 
 
+def _find_comparison(function: Any, args: Any) -> Any:
+    """What says of two numbers that the later one is nearer to an extreme; None: another call."""
+    are_numbers = len(args) > 1 and all(isinstance(kind, types.Number) for kind in args)
+    return EXTREMES.get(getattr(function, "typing_key", None)) if are_numbers else None
+
+
+EXTREMES: dict[Any, Any] = {min: operator.lt, max: operator.gt}
+
+
 class OperatorTypes:
     """Numba's context of type inference, with operators that remember.
 
@@ -135,6 +148,9 @@ class OperatorTypes:
 
     def resolve_function_type(self, function: Any, args: Any, kws: Any) -> Any:
         """Signature of a function for arguments of these types; None: there is none."""
+        if not kws and _find_comparison(function, args):
+            kinds = tuple(map(types.unliteral, args))
+            return typing.signature(self._context.unify_types(*kinds), *kinds)
         if isinstance(function, KnownOperator):
             return function.get_call_type(self._context, args, kws)
         return self._context.resolve_function_type(function, args, kws)
@@ -197,6 +213,14 @@ class Lower(lowering.Lower):  # type: ignore[misc]  # a class of unknown type
         """Write what follows the last use of a variable: nothing, if a handle lent its value."""
         if not (name in self._borrowed and name in self._blk_local_varmap):
             super().delvar(name)
+
+    def _lower_call_normal(self, fnty: Any, expr: Any, signature: Any) -> Any:
+        """Write a call; that of an extreme of numbers as Numba does, but no function for it."""
+        compare = _find_comparison(fnty, signature.args)
+        if compare is None:
+            return super()._lower_call_normal(fnty, expr, signature)
+        values = self.fold_call_args(fnty, signature, expr.args, expr.vararg, expr.kws)
+        return builtins.do_minmax(self.context, self.builder, signature.args, values, compare)
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
         """Write how an item is read."""

@@ -1,5 +1,6 @@
 """What the fast path does in its own way; `test_kernels` compares it with the plain one."""
 
+import itertools
 import math
 import os
 import shutil
@@ -210,6 +211,23 @@ def test_items_are_read_and_set_as_python_does_from_either_end(lay_out, k):
         write(numbers, counts, flags, pairs.T, k)
         results.append([found, *(one.tolist() for one in (numbers, counts, flags, pairs))])
     assert results[0] == results[1]
+
+
+@kernel
+def find_extremes(x, y, z, count):
+    return (
+        min(x, y), max(x, y), min(x, y, z), max(x, y, z),
+        min(x, count), max(count, x), min(count, 2), max(3, count), max((x, y, z)),
+    )  # fmt: skip
+
+
+def test_extremes_of_numbers_are_those_of_python_to_the_bit():
+    numbers = (0.0, -0.0, 1.5, -2.0, math.inf, -math.inf, math.nan)
+    for x, y, z in itertools.product(numbers, repeat=3):
+        for count in (-1, 2, 5):
+            found = np.array(find_extremes(x, y, z, count), dtype=float)
+            told = np.array(find_extremes.py_func(x, y, z, count), dtype=float)
+            assert found.tobytes() == told.tobytes()
 
 
 class Lent(NamedTuple):
