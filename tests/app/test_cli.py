@@ -168,7 +168,7 @@ def test_an_interrupt_ends_the_demo_with_its_summary(send, options):
     )
     os.close(theirs)
     try:
-        assert "contact time" in read_terminal(terminal, until="contact time")
+        assert "is watched" in read_terminal(terminal, until="is watched")
         assert len(find_processes(mark)) > 1
         send(demo.pid, signal.SIGINT)
         shown = read_terminal(terminal)

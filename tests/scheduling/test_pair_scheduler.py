@@ -57,9 +57,10 @@ def test_full_sees_every_pair_while_ids_come_and_go():
         assert verdict.complete
         if watched:
             pair = obstacles.row(verdict.obstacle) * len(links) + links.index(verdict.link)
-            # Of what is far off, no link is evaluated by itself.
+            # Of what is far off, no link is evaluated by itself; and of links that are nearly as
+            # soon as the soonest one, any may be named, since none is refined beyond that.
             is_far = verdict.contact_time >= monitor._last[0].refinement_threshold
-            assert is_far or watched[pair] == pytest.approx(verdict.contact_time)
+            assert is_far or watched[pair] <= 1.1 * verdict.contact_time
         reported = {(one.link, one.obstacle) for one in monitor.pairs(10**6)}
         assert len(reported) == len(watched)
 

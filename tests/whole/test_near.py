@@ -150,7 +150,7 @@ def test_every_pair_is_accounted_for_in_each_tick_that_is_no_stop(seed):
 def test_what_is_proved_of_stops_holds_for_a_state_that_agrees_and_ends_with_other_news():
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
     scheduler = monitor._scheduler
-    places = np.array([[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]])
+    places = np.array([[0.685, 0.2, 0.5], [0.685, -0.2, 0.5]])
 
     def tell(now, moved=0.0, **fields):
         velocity = np.zeros((2, 3))
@@ -275,7 +275,7 @@ def test_a_tick_that_has_nothing_to_do_renews_what_ends_soon(monkeypatch):
 def test_proofs_are_renewed_at_leisure_only_where_nothing_lacks_one(ending):
     """Whichever is looked at first: what was asked about in vain is not proved."""
     obstacles, monitor = make_monitor(rise_delay=0.0, source_timeout=10.0)
-    places, still = [[0.72, 0.2, 0.5], [0.72, -0.2, 0.5]], np.zeros((2, 3))
+    places, still = [[0.685, 0.2, 0.5], [0.685, -0.2, 0.5]], np.zeros((2, 3))
     see(obstacles, 0.0, places, ["one", "other"], velocity=still)
     assert steps(monitor, 0, 2)[-1].level is Level.SLOW
     scheduler, tick = monitor._scheduler, monitor._last[0]

@@ -65,14 +65,6 @@ def test_a_cell_is_a_scene(tmp_path, capsys):
     assert (tmp_path / "out" / "price.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_without_matplotlib_the_page_says_what_brings_it(tmp_path, monkeypatch):
-    monkeypatch.setattr("armguard.lab.tradeoff.picture.importlib.util.find_spec", lambda name: None)
-    (tmp_path / "cell.toml").write_text(CELL)
-    assert run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "max_staleness") == 0
-    assert "armguard[plot]" in (tmp_path / "out" / "README.md").read_text()
-    assert not (tmp_path / "out" / "price.png").exists()
-
-
 def test_an_interrupt_writes_what_there_is(tmp_path, capsys, monkeypatch):
     def find_contacts(*arguments):
         raise KeyboardInterrupt
