@@ -24,7 +24,12 @@ def main() -> int:
     atexit.register(gc.freeze)
     os.nice(NICENESS)
     try:
-        asyncio.run(watch(msgspec.json.decode(sys.argv[1], type=WatchOptions)))
+        options = msgspec.json.decode(" ".join(sys.argv[1:]), type=WatchOptions)
+    except msgspec.DecodeError:
+        sys.stderr.write("this is a process of armguard's: call armguard view ADDRESS instead\n")
+        return 2
+    try:
+        asyncio.run(watch(options))
     except ArmguardError as error:
         sys.stderr.write(f"{error}\n")
         return 2
