@@ -157,10 +157,9 @@ class BagRun:
                 str(self._path), "is not there, or a folder without metadata.yaml"
             ) from None
         except (*damage, sqlite3.DatabaseError, struct.error) as error:
-            line = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArmguardError(
                 str(self._path),
-                f"cannot be read ({line})",
+                f"cannot be read ({_shorten(error)})",
                 expected="a rosbag2 folder or an MCAP file of ROS 2 messages",
             ) from None
         return contextlib.closing(reader)
@@ -169,12 +168,9 @@ class BagRun:
         """Messages in the order in which they were recorded."""
         try:
             yield from reader.messages(chosen)
-        except ArmguardError:
-            raise
         except Exception as error:
             # A damaged file can make the reader stumble anywhere.
-            line = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise ArmguardError(str(self._path), f"is damaged ({line})") from None
+            raise ArmguardError(str(self._path), f"is damaged ({_shorten(error)})") from None
 
     def _decode(self, reader: Any, data: bytes, kind: str) -> Any:
         try:
@@ -237,3 +233,8 @@ class BagRun:
 
     def _refuse(self, offender: str, problem: str, **more: str) -> ArmguardError:
         return ArmguardError(f"{self._path}: {offender}", problem, **more)
+
+
+def _shorten(error: Exception) -> str:
+    """The first line of what an error says; its name where it says nothing."""
+    return str(error).partition("\n")[0] or type(error).__name__

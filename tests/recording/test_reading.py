@@ -1,4 +1,5 @@
 import random
+import struct
 
 import pytest
 
@@ -151,3 +152,13 @@ def test_topics_of_others_in_a_recording_are_passed_over(tmp_path):
         messages=messages,
     )
     assert count(path) == (1, False)
+
+
+@pytest.mark.parametrize("length", [0, 21, 2**31, 2**63, 2**64 - 1])
+def test_a_record_in_a_chunk_that_has_another_length_than_it_says_is_damage(length, tmp_path):
+    records = struct.pack("<BQ", 5, length) + bytes(8)
+    chunk = struct.pack("<QQQIIQ", 0, 0, len(records), 0, 0, len(records)) + records
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(chunk)) + chunk)
+    with pytest.raises(ArmguardError, match="is damaged"):
+        Recording(path)
