@@ -231,6 +231,12 @@ class ObstacleReader:
         return [Body(*one, radius) for one in zip(names, places[:, None] + shape, strict=True)]
 
 
+def split_source(name: str) -> tuple[str, str]:
+    """Source and topic of "source=/topic", or of "/topic", whose source has the topic's name."""
+    source, equals, topic = name.rpartition("=")
+    return source if equals else topic.strip("/"), topic
+
+
 def read_frame(header: Any) -> str:
     """The frame that a header names; the world where it names none."""
     return str(header.frame_id).strip("/") or WORLD

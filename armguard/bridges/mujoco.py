@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.robot.joints import is_prismatic
+from armguard.robot.joints import find_axis, is_prismatic
 from armguard.robot.mjcf import find_solid, read_vertices
 from armguard.robot.robot import Robot
 
@@ -268,15 +268,14 @@ class MujocoJoints:
     ) -> None:
         kind_of = mujoco.mjtObj.mjOBJ_JOINT
         joints = [mujoco.mj_name2id(model, kind_of, name) for name in robot.joints]
-        missing = [name for name, joint in zip(robot.joints, joints, strict=True) if joint < 0]
         there = [model.joint(k).name or f"joint {k}" for k in range(model.njnt)]
-        if missing:
-            raise ArmguardError(
-                f"joint {missing[0]!r}",
-                f"of {robot.name} is not in the model",
-                expected=f"all of {', '.join(robot.joints)}; there are {', '.join(there)}",
-            )
         for name, joint in zip(robot.joints, joints, strict=True):
+            if joint < 0:
+                raise ArmguardError(
+                    f"joint {name!r}",
+                    f"of {robot.name} is not in the model",
+                    expected=f"all of {', '.join(robot.joints)}; there are {', '.join(there)}",
+                )
             expected = _choose_type(robot, robot.model.getJointId(name))
             if model.jnt_type[joint] != int(expected):
                 raise ArmguardError(
@@ -351,7 +350,7 @@ def add_arm(spec: Any, robot: Robot) -> None:
             name=name, pos=place.translation, quat=[w, x, y, z]
         )
         kind = _choose_type(robot, joint)
-        body.add_joint(name=name, type=kind, axis=_find_axis(robot, joint))
+        body.add_joint(name=name, type=kind, axis=find_axis(robot.model, joint))
         body.explicitinertial, body.mass, body.ipos = True, inertia.mass, inertia.lever
         i = inertia.inertia
         body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
@@ -415,13 +414,6 @@ def _choose_type(robot: Robot, joint: int) -> Any:
     return _SLIDE if is_prismatic(robot.model, joint) else _HINGE
 
 
-def _find_axis(robot: Robot, joint: int) -> Array:
-    """Axis of a joint in its own frame, a unit vector."""
-    motion = np.ravel(robot.model.joints[joint].createData().S)
-    # A hinge moves along nothing, and a slide turns about nothing.
-    return motion[:3] + motion[3:]
-
-
 def _check_axes(model: Any, robot: Robot, joints: list[int], base: pinocchio.SE3) -> None:
     """Refuse an arm whose joints' axes are not where the robot has them.
 
@@ -440,7 +432,7 @@ def _check_axes(model: Any, robot: Robot, joints: list[int], base: pinocchio.SE3
         for name, joint in zip(robot.joints, joints, strict=True):
             number = robot.model.getJointId(name)
             place = base * mirror.oMi[number]
-            axis, found = place.rotation @ _find_axis(robot, number), data.xaxis[joint]
+            axis, found = place.rotation @ find_axis(robot.model, number), data.xaxis[joint]
             angle = float(np.arctan2(np.linalg.norm(np.cross(axis, found)), axis @ found))
             away = data.xanchor[joint] - place.translation
             is_slide = is_prismatic(robot.model, number)

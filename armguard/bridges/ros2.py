@@ -29,6 +29,7 @@ from armguard.bridges.messages import (
     read_nanoseconds,
     read_pose,
     remove_known,
+    split_source,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -207,9 +208,9 @@ class Ros2Cell:
         self._joints = JointStateReader(joints, monitor.robot)
         self._readers: dict[str, tuple[str, ObstacleReader]] = {}
         for name, kind in (obstacles or {}).items():
-            source, equals, topic = name.rpartition("=")
+            source, topic = split_source(name)
             reader = ObstacleReader(topic, kind, radius, snapshot=snapshot)
-            self._readers[topic] = (source if equals else topic.strip("/"), reader)
+            self._readers[topic] = source, reader
         self._transforms = Transforms(errors)
         self._goals = {WORLD, *monitor.obstacles.settings.frames}
         self._start: int | None = None

@@ -21,6 +21,7 @@ from armguard.bridges.messages import (
     read_frame,
     read_nanoseconds,
     remove_known,
+    split_source,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -68,10 +69,7 @@ class BagRun:
             )
         topics, radius, snapshot, _ = self._inputs = inputs
         self._path, self._monitor = Path(path), monitor
-        self._sources = {}
-        for topic in topics:
-            source, equals, name = topic.rpartition("=")
-            self._sources[name] = source if equals else name.strip("/")
+        self._sources = {topic: source for source, topic in map(split_source, topics)}
         self._start = 0
         self._frames = {"world", *monitor.obstacles.settings.frames}
         with self._open() as reader:
