@@ -154,11 +154,21 @@ def test_topics_of_others_in_a_recording_are_passed_over(tmp_path):
     assert count(path) == (1, False)
 
 
-@pytest.mark.parametrize("length", [0, 21, 2**31, 2**63, 2**64 - 1])
-def test_a_record_in_a_chunk_that_has_another_length_than_it_says_is_damage(length, tmp_path):
-    records = struct.pack("<BQ", 5, length) + bytes(8)
-    chunk = struct.pack("<QQQIIQ", 0, 0, len(records), 0, 0, len(records)) + records
-    path = tmp_path / "a.mcap"
+def write_chunk(path, records, checksum=0):
+    """A file with one chunk, not compressed."""
+    chunk = struct.pack("<QQQIIQ", 0, 0, len(records), checksum, 0, len(records)) + records
     path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(chunk)) + chunk)
-    with pytest.raises(ArmguardError, match="is damaged"):
+    return path
+
+
+@pytest.mark.parametrize("opcode", [4, 5, 127])
+@pytest.mark.parametrize("length", [0, 21, 2**31, 2**63, 2**64 - 1])
+def test_a_record_in_a_chunk_may_say_any_length(opcode, length, tmp_path):
+    path = write_chunk(tmp_path / "a.mcap", struct.pack("<BQ", opcode, length) + bytes(40))
+    with pytest.raises(ArmguardError, match=r"is damaged|is no recording"):
         Recording(path)
+
+
+def test_a_chunk_with_another_check_sum_is_damage(tmp_path):
+    with pytest.raises(ArmguardError, match=r"is damaged .*crc"):
+        Recording(write_chunk(tmp_path / "a.mcap", bytes(40), checksum=1))
