@@ -37,6 +37,9 @@ OBSTACLES = (POSES, PEOPLE, MARKERS, DETECTIONS)
 WITHOUT_SIZES = (POSES, PEOPLE)
 """Those of them that say where something is, and not how large."""
 
+_ENTRIES = {POSES: ("poses", ""), PEOPLE: ("people", "name"), DETECTIONS: ("detections", "id")}
+"""The fields that list what is seen, and that name each of it."""
+
 _CUBE, _SPHERE, _CYLINDER, _LINE_STRIP, _LINE_LIST, _CUBE_LIST, _SPHERE_LIST, _POINTS = range(1, 9)
 _DELETE, _DELETE_ALL = 2, 3
 _WITHOUT_BODY = {0: "arrows", 9: "texts"}
@@ -111,20 +114,15 @@ class ObstacleReader:
         """
         if self._kind == MARKERS:
             return self._read_markers(message)
-        if self._kind == POSES:
-            named = [(f"{number}", pose.position) for number, pose in enumerate(message.poses)]
-        elif self._kind == PEOPLE:
-            named = [
-                (one.name or f"{number}", one.position) for number, one in enumerate(message.people)
-            ]
-        else:
-            boxes = [
-                _make_box(one.id or f"{number}", one.bbox.center, one.bbox.size)
-                for number, one in enumerate(message.detections)
-            ]
-            return [], [Shown(message.header, boxes)]
-        balls = [Body(name, _read_vector(at)[None], self._radius) for name, at in named]
-        return [], [Shown(message.header, balls)]
+        entries, label = _ENTRIES[self._kind]
+        bodies = []
+        for number, one in enumerate(getattr(message, entries)):
+            name = getattr(one, label, "") or f"{number}"
+            if self._kind == DETECTIONS:
+                bodies.append(_make_box(name, one.bbox.center, one.bbox.size))
+            else:
+                bodies.append(Body(name, _read_vector(one.position)[None], self._radius))
+        return [], [Shown(message.header, bodies)]
 
     def _read_markers(self, message: Any) -> tuple[list[str], list[Shown]]:
         """Markers come and go by themselves, each with a header of its own.
@@ -205,31 +203,38 @@ class ObstacleReader:
         no part can be taken for another marker.
         """
         scale = _read_vector(marker.scale)
-        if kind == _SPHERE:
-            return [Body(name, _read_vector(marker.pose.position)[None], 0.5 * float(scale.max()))]
-        if kind in (_CUBE, _CYLINDER):
-            # A cylinder lies in the box around it.
-            return [_make_box(name, marker.pose, marker.scale)]
-        points = np.array([_read_vector(point) for point in marker.points]).reshape(-1, 3)
         rotation, origin = read_pose(marker.pose.position, marker.pose.orientation)
-        places = points @ rotation.T + origin
+        if kind in (_CUBE, _CYLINDER, _SPHERE):
+            names, places = [name], origin[None]
+        else:
+            points = np.array([_read_vector(point) for point in marker.points]).reshape(-1, 3)
+            places = points @ rotation.T + origin
+            names = [f"{name}#{k}" for k in range(len(places))]
         if kind in (_LINE_STRIP, _LINE_LIST):
             step = 1 if kind == _LINE_STRIP else 2
-            ends = range(0, len(places) - 1, step)
-            pairs = [places[k : k + 2] for k in ends]
-            return [Body(f"{name}#{k}", pair, 0.5 * scale[0]) for k, pair in enumerate(pairs)]
-        if kind == _CUBE_LIST:
-            corners = _corners(scale) @ rotation.T
-            return [Body(f"{name}#{k}", place + corners, 0.0) for k, place in enumerate(places)]
-        if kind in (_SPHERE_LIST, _POINTS):
+            pairs = [places[k : k + 2] for k in range(0, len(places) - 1, step)]
+            return [Body(*one, 0.5 * scale[0]) for one in zip(names, pairs, strict=False)]
+        if kind in (_CUBE, _CYLINDER, _CUBE_LIST):
+            # A cylinder lies in the box around it.
+            shape, radius = _corners(scale) @ rotation.T, 0.0
+        elif kind in (_SPHERE, _SPHERE_LIST):
+            shape, radius = np.zeros((1, 3)), 0.5 * float(scale.max())
+        elif kind == _POINTS:
             # A point is drawn as a square, which the ball around it contains.
-            radius = 0.5 * float(scale.max() if kind == _SPHERE_LIST else np.hypot(*scale[:2]))
-            return [Body(f"{name}#{k}", place[None], radius) for k, place in enumerate(places)]
-        raise ArmguardError(
-            self._offender,
-            f"has the marker {name!r} of type {kind}, whose extent is not known",
-            expected="cubes, spheres, cylinders, lines, or lists of these",
-        )
+            shape, radius = np.zeros((1, 3)), 0.5 * float(np.hypot(*scale[:2]))
+        else:
+            raise ArmguardError(
+                self._offender,
+                f"has the marker {name!r} of type {kind}, whose extent is not known",
+                expected="cubes, spheres, cylinders, lines, or lists of these",
+            )
+        return [Body(*one, radius) for one in zip(names, places[:, None] + shape, strict=True)]
+
+
+def split_source(name: str) -> tuple[str, str]:
+    """Source and topic of "source=/topic", or of "/topic", whose source has the topic's name."""
+    source, equals, topic = name.rpartition("=")
+    return source if equals else topic.strip("/"), topic
 
 
 def read_frame(header: Any) -> str:
@@ -378,25 +383,28 @@ def read_pose(position: Any, orientation: Any) -> tuple[Array, Array]:
 
     One whose length is no number above 0 gives a rotation of NaN, which no table takes.
     """
-    w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
-    norm = read_length(orientation)
-    if not any((w, x, y, z)):
-        return np.eye(3), _read_vector(position)
-    if not 0.0 < norm < math.inf:
-        return np.full((3, 3), np.nan), _read_vector(position)
-    turn = pinocchio.Quaternion(w / norm, x / norm, y / norm, z / norm)
-    return turn.toRotationMatrix(), _read_vector(position)
+    turn, length = _read_quaternion(orientation), read_length(orientation)
+    if not turn.any():
+        rotation = np.eye(3)
+    elif 0.0 < length < math.inf:
+        rotation = pinocchio.Quaternion(turn / length).toRotationMatrix()
+    else:
+        rotation = np.full((3, 3), np.nan)
+    return rotation, _read_vector(position)
 
 
 def read_length(orientation: Any) -> float:
     """Length of a quaternion; inf or 0 also where its squares are too large or too small."""
-    w, x, y, z = (float(getattr(orientation, name)) for name in "wxyz")
-    return math.sqrt(w * w + x * x + y * y + z * z)
+    return math.sqrt(sum(value * value for value in _read_quaternion(orientation).tolist()))
 
 
 def read_nanoseconds(header: Any) -> int:
     """The stamp of a header, in [ns]."""
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _read_quaternion(turn: Any) -> Array:
+    return np.array([turn.x, turn.y, turn.z, turn.w], dtype=np.float64)
 
 
 def _read_vector(vector: Any) -> Array:

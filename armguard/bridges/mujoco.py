@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from armguard.exceptions import ArmguardError
 from armguard.obstacles.obstacles import Obstacles
-from armguard.robot.joints import is_prismatic
+from armguard.robot.joints import find_axis, is_prismatic
+from armguard.robot.mjcf import find_solid, read_vertices
 from armguard.robot.robot import Robot
 
 try:
@@ -112,7 +113,7 @@ def enclose_geom(model: Any, geom: int) -> GeomShape:
             return _grow(np.array([radius, radius, half]) * _CORNERS, 0.0)
         return _grow(half * _ALONG, radius)
     if kind == _MESH:
-        return _enclose_points(_read_vertices(model, geom))
+        return _enclose_points(read_vertices(model, model.geom_dataid[geom]))
     raise ArmguardError(
         f"geom {_name_geom(model, geom)!r}",
         f"is of type {mujoco.mjtGeom(kind).name}",
@@ -151,26 +152,18 @@ class MujocoObstacles:
         twins = sorted({name for name in names if names.count(name) > 1})
         if twins:
             raise ArmguardError("geoms", f"share the name {twins[0]!r}", expected="one for each")
-        self._fixed: dict[str, tuple[int, GeomShape]] = {}
-        groups: dict[tuple[int, bool], list[tuple[str, int, GeomShape]]] = {}
+        groups: dict[tuple[int, bool, bool], list[tuple[str, int, Array, float]]] = {}
         for name, geom in zip(names, chosen, strict=True):
             shape, body = enclose_geom(model, geom), model.geom_bodyid[geom]
             is_placed = model.body_mocapid[model.body_rootid[body]] >= 0
-            if model.body_weldid[body] == 0 and not is_placed:
-                self._fixed[name] = geom, shape
-            else:
-                key = len(shape.points), is_placed
-                groups.setdefault(key, []).append((name, geom, shape))
-        self._groups = [
-            _Group(
-                [name for name, _, _ in group],
-                [geom for _, geom, _ in group],
-                np.array([shape.points for _, _, shape in group]),
-                np.array([shape.radius for _, _, shape in group]),
-                is_placed,
-            )
-            for (_, is_placed), group in groups.items()
-        ]
+            key = len(shape.points), is_placed, is_placed or model.body_weldid[body] != 0
+            groups.setdefault(key, []).append((name, geom, *shape))
+        self._fixed: list[_Group] = []
+        self._groups: list[_Group] = []
+        for (_, is_placed, moves), group in groups.items():
+            ids, geoms, points, radii = map(list, zip(*group, strict=True))
+            made = _Group(ids, geoms, np.array(points), np.array(radii), is_placed)
+            (self._groups if moves else self._fixed).append(made)
         self.ids = [name for group in self._groups for name in group.ids]
 
     def add_statics(self, obstacles: Obstacles, data: Any) -> None:
@@ -181,9 +174,10 @@ class MujocoObstacles:
             data: The simulation's `mjData`.
         """
         mujoco.mj_kinematics(self._model, data)
-        for name, (geom, shape) in self._fixed.items():
-            rotation, origin = _read_place(data, geom)
-            obstacles.add_static(name, shape.points @ rotation.T + origin, shape.radius)
+        for group in self._fixed:
+            position = group.place(data)[0]
+            for row in zip(group.ids, position, group.radius.tolist(), strict=True):
+                obstacles.add_static(*row)
 
     def read(self, data: Any) -> list[BodyStates]:
         """Where all that moves is now, and how fast; in groups, as `Obstacles.update` takes them.
@@ -211,17 +205,13 @@ class MujocoObstacles:
             obstacles.update(ids, stamp, position, velocity, radius, source=self.source)
 
     def _read_group(self, data: Any, group: _Group) -> BodyStates:
-        position = np.empty_like(group.points)
-        velocity = np.empty_like(group.points)
-        spin = np.empty(6)
-        for row, geom in enumerate(group.geoms):
-            rotation, origin = _read_place(data, geom)
-            arms = group.points[row] @ rotation.T
-            position[row] = origin + arms
+        position, arms = group.place(data)
+        spins = np.empty((len(group.geoms), 1, 6))
+        for geom, spin in zip(group.geoms, spins, strict=True):
             mujoco.mj_objectVelocity(
-                self._model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, spin, 0
+                self._model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, spin[0], 0
             )  # in the axes of the world: first how it turns, then how the geom's middle moves
-            velocity[row] = spin[3:] + np.cross(spin[:3], arms)
+        velocity = spins[..., 3:] + np.cross(spins[..., :3], arms)
         told = None if group.is_placed else velocity
         return BodyStates(group.ids, position, told, group.radius)
 
@@ -237,6 +227,12 @@ class _Group(NamedTuple):
     """[m]. Shape (n,)."""
     is_placed: bool
     """Whether they hang on mocap bodies."""
+
+    def place(self, data: Any) -> tuple[Array, Array]:
+        """Their points in the world, and as seen from the geoms' middles, in [m]."""
+        rotations = data.geom_xmat[self.geoms].reshape(-1, 3, 3)
+        arms = self.points @ rotations.transpose(0, 2, 1)
+        return data.geom_xpos[self.geoms][:, None] + arms, arms
 
 
 class MujocoJoints:
@@ -272,15 +268,14 @@ class MujocoJoints:
     ) -> None:
         kind_of = mujoco.mjtObj.mjOBJ_JOINT
         joints = [mujoco.mj_name2id(model, kind_of, name) for name in robot.joints]
-        missing = [name for name, joint in zip(robot.joints, joints, strict=True) if joint < 0]
         there = [model.joint(k).name or f"joint {k}" for k in range(model.njnt)]
-        if missing:
-            raise ArmguardError(
-                f"joint {missing[0]!r}",
-                f"of {robot.name} is not in the model",
-                expected=f"all of {', '.join(robot.joints)}; there are {', '.join(there)}",
-            )
         for name, joint in zip(robot.joints, joints, strict=True):
+            if joint < 0:
+                raise ArmguardError(
+                    f"joint {name!r}",
+                    f"of {robot.name} is not in the model",
+                    expected=f"all of {', '.join(robot.joints)}; there are {', '.join(there)}",
+                )
             expected = _choose_type(robot, robot.model.getJointId(name))
             if model.jnt_type[joint] != int(expected):
                 raise ArmguardError(
@@ -355,7 +350,7 @@ def add_arm(spec: Any, robot: Robot) -> None:
             name=name, pos=place.translation, quat=[w, x, y, z]
         )
         kind = _choose_type(robot, joint)
-        body.add_joint(name=name, type=kind, axis=_find_axis(robot, joint))
+        body.add_joint(name=name, type=kind, axis=find_axis(robot.model, joint))
         body.explicitinertial, body.mass, body.ipos = True, inertia.mass, inertia.lever
         i = inertia.inertia
         body.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
@@ -382,16 +377,9 @@ def _enclose_points(points: Array) -> GeomShape:
     return _grow(middle + 0.5 * (high - low) * _CORNERS, 0.0)
 
 
-def _read_vertices(model: Any, geom: int) -> Array:
-    """Vertices of a mesh, whose convex hull MuJoCo collides. Shape (n, 3)."""
-    mesh = model.geom_dataid[geom]
-    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-    return np.array(model.mesh_vert[first : first + count], float)
-
-
 def _find_geoms(model: Any, bodies: Sequence[str]) -> list[int]:
     """Geoms that can collide on bodies and on all that hang on these."""
-    paired = {int(geom) for geom in (*model.pair_geom1, *model.pair_geom2)}
+    solid = find_solid(model)
     chosen: list[int] = []
     for name in bodies:
         top = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
@@ -401,13 +389,9 @@ def _find_geoms(model: Any, bodies: Sequence[str]) -> list[int]:
                 f"body {name!r}", "is not in the model", expected=f"one of {', '.join(there)}"
             )
         # Everything hangs on the world, the arm as well: its name stands for what is fixed to it.
-        below = [body for body in range(model.nbody) if _hangs_on(model, body, top)] if top else [0]
+        bodies_of = ((geom, int(model.geom_bodyid[geom])) for geom in solid)
         found = [
-            geom
-            for body in below
-            for geom in range(model.ngeom)
-            if model.geom_bodyid[geom] == body
-            and (model.geom_contype[geom] or model.geom_conaffinity[geom] or geom in paired)
+            geom for geom, body in bodies_of if (_hangs_on(model, body, top) if top else body == 0)
         ]
         if not found:
             raise ArmguardError(
@@ -430,15 +414,6 @@ def _choose_type(robot: Robot, joint: int) -> Any:
     return _SLIDE if is_prismatic(robot.model, joint) else _HINGE
 
 
-def _find_axis(robot: Robot, joint: int) -> Array:
-    """Axis of a joint in its own frame, a unit vector."""
-    model = robot.model
-    data = model.createData()
-    pinocchio.computeJointJacobians(model, data, pinocchio.neutral(model))
-    column = pinocchio.getJointJacobian(model, data, joint, pinocchio.LOCAL)[:, joint - 1]
-    return np.array(column[:3] if is_prismatic(model, joint) else column[3:])
-
-
 def _check_axes(model: Any, robot: Robot, joints: list[int], base: pinocchio.SE3) -> None:
     """Refuse an arm whose joints' axes are not where the robot has them.
 
@@ -457,7 +432,7 @@ def _check_axes(model: Any, robot: Robot, joints: list[int], base: pinocchio.SE3
         for name, joint in zip(robot.joints, joints, strict=True):
             number = robot.model.getJointId(name)
             place = base * mirror.oMi[number]
-            axis, found = place.rotation @ _find_axis(robot, number), data.xaxis[joint]
+            axis, found = place.rotation @ find_axis(robot.model, number), data.xaxis[joint]
             angle = float(np.arctan2(np.linalg.norm(np.cross(axis, found)), axis @ found))
             away = data.xanchor[joint] - place.translation
             is_slide = is_prismatic(robot.model, number)
@@ -478,8 +453,3 @@ def _name_geom(model: Any, geom: int) -> str:
         return name
     body = int(model.geom_bodyid[geom])
     return f"{model.body(body).name or f'body {body}'}/{geom - int(model.body_geomadr[body])}"
-
-
-def _read_place(data: Any, geom: int) -> tuple[Array, Array]:
-    """Rotation and position of a geom in the world, the latter in [m]."""
-    return np.array(data.geom_xmat[geom]).reshape(3, 3), np.array(data.geom_xpos[geom])

@@ -29,6 +29,7 @@ from armguard.bridges.messages import (
     read_nanoseconds,
     read_pose,
     remove_known,
+    split_source,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -62,6 +63,16 @@ class FrameErrors(NamedTuple):
     """[rad/s]; of the frame of a link, the velocity limit of its joint."""
 
 
+class _Frame(NamedTuple):
+    """What is known of a frame."""
+
+    parent: str
+    stands: bool
+    """Whether its one pose holds at all times."""
+    past: deque[tuple[float, Array, Array]]
+    """Stamps in [s], rotations, and translations in [m]."""
+
+
 class Transforms:
     """Poses of frames in their parents, standing and moving.
 
@@ -81,8 +92,7 @@ class Transforms:
                     raise ArmguardError(
                         f"frame {name!r}", f"has the {field} {value}", expected="at least 0"
                     )
-        self._standing: dict[str, tuple[str, Array, Array]] = {}
-        self._moving: dict[str, tuple[str, deque[tuple[float, Array, Array]]]] = {}
+        self._known: dict[str, _Frame] = {}
 
     def take(self, child: str, parent: str, pose: tuple[Array, Array], stamp: float | None) -> None:
         """Take a transform.
@@ -93,15 +103,10 @@ class Transforms:
             pose: Rotation and translation, the latter in [m].
             stamp: When it was so, in [s]; None: always.
         """
-        if stamp is None:
-            self._moving.pop(child, None)
-            self._standing[child] = (parent, *pose)
-            return
-        self._standing.pop(child, None)
-        known = self._moving.get(child)
-        if known is None or known[0] != parent:
-            known = self._moving[child] = (parent, deque(maxlen=_KEPT))
-        known[1].append((stamp, *pose))
+        known = self._known.get(child)
+        if stamp is None or known is None or (known.parent, known.stands) != (parent, False):
+            known = self._known[child] = _Frame(parent, stamp is None, deque(maxlen=_KEPT))
+        known.past.append((stamp or 0.0, *pose))
 
     def lead(
         self, points: Array, frame: str, stamp: float, goals: set[str]
@@ -128,53 +133,40 @@ class Transforms:
         for _ in range(_LONGEST_CHAIN):
             if frame in goals:
                 return points, frame, error
-            parent, rotation, translation, away = self._find(frame, begun, stamp, goals)
-            errors = self._find_errors(frame) or FrameErrors()
+            known = self._known.get(frame)
+            if known is None:
+                raise ArmguardError(
+                    f"frame {begun!r}",
+                    f"is not in a tree with the world: there is no transform of {frame!r}",
+                    expected=f"transforms to one of {', '.join(sorted(goals))}",
+                )
+            errors = self._find_errors(frame, known)
+            when, rotation, translation = min(known.past, key=lambda one: abs(one[0] - stamp))
+            away = 0.0 if known.stands else abs(when - stamp)
+            if not away <= OLDEST_TRANSFORM:
+                raise ArmguardError(
+                    f"frame {frame!r}",
+                    f"has no transform within {away:.3g} s of a stamp",
+                    expected=f"one within {OLDEST_TRANSFORM:g} s",
+                )
             distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0)) + error
             angle = errors.angle + errors.turn_rate * away
             error += errors.position + errors.speed * away + angle * distance
             points = points @ rotation.T + translation
-            frame = parent
+            frame = known.parent
         raise ArmguardError(f"frame {begun!r}", "hangs on itself", expected="a tree of frames")
 
-    def _find(
-        self, frame: str, begun: str, stamp: float, goals: set[str]
-    ) -> tuple[str, Array, Array, float]:
-        """Parent, rotation, translation, and the time to the stamp in [s]."""
-        standing = self._standing.get(frame)
-        if standing is not None:
-            return (*standing, 0.0)
-        known = self._moving.get(frame)
-        if known is None:
-            raise ArmguardError(
-                f"frame {begun!r}",
-                f"is not in a tree with the world: there is no transform of {frame!r}",
-                expected=f"transforms to one of {', '.join(sorted(goals))}",
-            )
-        if self._find_errors(frame) is None:
+    def _find_errors(self, frame: str, known: _Frame) -> FrameErrors:
+        for pattern, errors in self._errors.items():
+            if fnmatch.fnmatchcase(frame, pattern):
+                return errors
+        if not known.stands:
             raise ArmguardError(
                 f"frame {frame!r}",
                 "moves, and nothing says how fast it can",
                 expected="its speed and turn_rate, at most",
             )
-        parent, past = known
-        when, rotation, translation = min(past, key=lambda one: abs(one[0] - stamp))
-        away = abs(when - stamp)
-        if not away <= OLDEST_TRANSFORM:
-            raise ArmguardError(
-                f"frame {frame!r}",
-                f"has no transform within {away:.3g} s of a stamp",
-                expected=f"one within {OLDEST_TRANSFORM:g} s",
-            )
-        return parent, rotation, translation, away
-
-    def _find_errors(self, frame: str) -> FrameErrors | None:
-        fitting = (
-            errors
-            for pattern, errors in self._errors.items()
-            if fnmatch.fnmatchcase(frame, pattern)
-        )
-        return next(fitting, None)
+        return FrameErrors()
 
 
 class Ros2Cell:
@@ -216,9 +208,9 @@ class Ros2Cell:
         self._joints = JointStateReader(joints, monitor.robot)
         self._readers: dict[str, tuple[str, ObstacleReader]] = {}
         for name, kind in (obstacles or {}).items():
-            source, equals, topic = name.rpartition("=")
+            source, topic = split_source(name)
             reader = ObstacleReader(topic, kind, radius, snapshot=snapshot)
-            self._readers[topic] = (source if equals else topic.strip("/"), reader)
+            self._readers[topic] = source, reader
         self._transforms = Transforms(errors)
         self._goals = {WORLD, *monitor.obstacles.settings.frames}
         self._start: int | None = None

@@ -21,6 +21,7 @@ from armguard.bridges.messages import (
     read_frame,
     read_nanoseconds,
     remove_known,
+    split_source,
 )
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
@@ -68,10 +69,7 @@ class BagRun:
             )
         topics, radius, snapshot, _ = self._inputs = inputs
         self._path, self._monitor = Path(path), monitor
-        self._sources = {}
-        for topic in topics:
-            source, equals, name = topic.rpartition("=")
-            self._sources[name] = source if equals else name.strip("/")
+        self._sources = {topic: source for source, topic in map(split_source, topics)}
         self._start = 0
         self._frames = {"world", *monitor.obstacles.settings.frames}
         with self._open() as reader:
@@ -157,10 +155,9 @@ class BagRun:
                 str(self._path), "is not there, or a folder without metadata.yaml"
             ) from None
         except (*damage, sqlite3.DatabaseError, struct.error) as error:
-            line = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise ArmguardError(
                 str(self._path),
-                f"cannot be read ({line})",
+                f"cannot be read ({_shorten(error)})",
                 expected="a rosbag2 folder or an MCAP file of ROS 2 messages",
             ) from None
         return contextlib.closing(reader)
@@ -169,12 +166,9 @@ class BagRun:
         """Messages in the order in which they were recorded."""
         try:
             yield from reader.messages(chosen)
-        except ArmguardError:
-            raise
         except Exception as error:
             # A damaged file can make the reader stumble anywhere.
-            line = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise ArmguardError(str(self._path), f"is damaged ({line})") from None
+            raise ArmguardError(str(self._path), f"is damaged ({_shorten(error)})") from None
 
     def _decode(self, reader: Any, data: bytes, kind: str) -> Any:
         try:
@@ -237,3 +231,8 @@ class BagRun:
 
     def _refuse(self, offender: str, problem: str, **more: str) -> ArmguardError:
         return ArmguardError(f"{self._path}: {offender}", problem, **more)
+
+
+def _shorten(error: Exception) -> str:
+    """The first line of what an error says; its name where it says nothing."""
+    return str(error).partition("\n")[0] or type(error).__name__

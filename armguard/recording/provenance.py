@@ -16,7 +16,6 @@ from typing import Any
 
 import msgspec
 import pinocchio
-from numba import __version__ as numba_version
 from numba import config as numba_config
 
 from armguard.robot.portable import describe_robot
@@ -42,6 +41,8 @@ NAMES = {
 }
 """What a difference in each is called."""
 
+_DISTRIBUTIONS = ("armguard", "numba", "llvmlite", "numpy")
+
 
 def describe_provenance(robot: Robot) -> dict[str, str]:
     """What verdicts of this process about this robot rest on, by the names of `NAMES`."""
@@ -52,14 +53,11 @@ def describe_software() -> dict[str, str]:
     """What verdicts of this process rest on whatever the robot, by the names of `NAMES`."""
     model, flags = _describe_processor()
     return {
-        "armguard": importlib.metadata.version("armguard"),
+        **{name: importlib.metadata.version(name) for name in _DISTRIBUTIONS},
         "sources": digest_package(PACKAGE),
         "processor": config.CPU_NAME or model,
         "processor_features": config.CPU_FEATURES or _digest(flags.encode()),
         "machine": f"{platform.system()} {platform.machine()}",
-        "numba": numba_version,
-        "llvmlite": importlib.metadata.version("llvmlite"),
-        "numpy": importlib.metadata.version("numpy"),
         "pinocchio": pinocchio.__version__,
         "python": platform.python_version(),
     }

@@ -26,7 +26,6 @@ LONGEST_RECORD = 256 * 1024 * 1024
 MAGIC = b"\x89MCAP0\r\n"
 
 _FRAME = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
 
 _KINDS = {PREFIX + topic: kind for kind, topic in TOPICS.items()}
 
@@ -61,17 +60,19 @@ class Recording:
 
     def __init__(self, path: str | Path) -> None:
         check_installed()
+        from mcap.records import Attachment, Message, Metadata
+
         self.path = Path(path)
         self.is_cut_off = False
         self.provenance: dict[str, str] = {}
         attached: dict[str, bytes] = {}
-        for kind, record in self._read_records():
-            if kind == "metadata" and record.name == "armguard":
+        for record in self._read_records():
+            if isinstance(record, Metadata) and record.name == "armguard":
                 self.provenance = dict(record.metadata)
                 self._check_format(self.provenance.get("format", ""))
-            elif kind == "attachment":
+            elif isinstance(record, Attachment):
                 attached[record.name] = record.data
-            elif kind == "message":
+            elif isinstance(record, Message):
                 break
             if self.provenance and {"settings.json", "robot.json"} <= set(attached):
                 break
@@ -98,23 +99,23 @@ class Recording:
         Raises:
             ArmguardError: One of them is not as this version writes it.
         """
+        from mcap.records import Channel, Message
+
         channels: dict[int, type[Event] | None] = {}
-        for name, record in self._read_records():
-            if name == "channel":
-                number, topic = record
-                channels[number] = _KINDS.get(topic)
-            elif name == "message":
-                number, nanoseconds, data = record
-                kind = channels.get(number)
+        for record in self._read_records():
+            if isinstance(record, Channel):
+                channels[record.id] = _KINDS.get(record.topic)
+            elif isinstance(record, Message):
+                kind = channels.get(record.channel_id)
                 if kind is None:
                     continue
                 try:
-                    event = read_json(kind, data)
+                    event = read_json(kind, record.data)
                 except ValueError as error:
                     raise ArmguardError(
                         str(self.path), f"has a message that cannot be read ({error})"
                     ) from None
-                yield TimedEvent(nanoseconds, event, data)
+                yield TimedEvent(record.log_time, event, record.data)
 
     def _check_format(self, found: str) -> None:
         if not found.isdecimal():
@@ -129,40 +130,36 @@ class Recording:
                 remedy=f"replay it with the version that wrote it, armguard {version}",
             )
 
-    def _read_records(self) -> Iterator[tuple[str, Any]]:
-        """Metadata, attachments, topics of channels, and messages, each with its name.
-
-        Of a message channel, time and data; of a channel its number and topic.
-        """
+    def _read_records(self) -> Iterator[Any]:
+        """Metadata, attachments, and what is in chunks, as the package mcap has them."""
         import zstandard
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.opcode import Opcode
-        from mcap.records import Attachment, Channel, Chunk, Metadata
-        from mcap.stream_reader import get_chunk_data_stream
+        from mcap.records import Attachment, Chunk, Metadata
+        from mcap.stream_reader import breakup_chunk
 
         try:
             for opcode, content in self._read_frames():
+                stream = ReadDataStream(io.BytesIO(content))
                 if opcode == Opcode.METADATA:
-                    yield "metadata", Metadata.read(ReadDataStream(io.BytesIO(content)))
+                    yield Metadata.read(stream)
                 elif opcode == Opcode.ATTACHMENT:
                     if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
                         raise ValueError("an attachment has another check sum")
-                    yield "attachment", Attachment.read(ReadDataStream(io.BytesIO(content)))
+                    yield Attachment.read(stream)
                 elif opcode == Opcode.CHUNK:
-                    chunk = Chunk.read(ReadDataStream(io.BytesIO(content)))
-                    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-                    for inner, part in _split(stream.read(size)):
-                        if inner == Opcode.MESSAGE:
-                            channel, _, nanoseconds, _ = _MESSAGE.unpack_from(part)
-                            data = bytes(part[_MESSAGE.size :])
-                            yield "message", (channel, nanoseconds, data)
-                        elif inner == Opcode.CHANNEL:
-                            found = Channel.read(ReadDataStream(io.BytesIO(part)))
-                            yield "channel", (found.id, found.topic)
+                    yield from breakup_chunk(Chunk.read(stream), validate_crc=True)
                 elif opcode == Opcode.DATA_END:
                     return
-        except (McapError, ValueError, LookupError, struct.error, zstandard.ZstdError) as error:
+        except (
+            McapError,
+            ValueError,
+            LookupError,
+            OverflowError,  # by a length that no file has
+            struct.error,
+            zstandard.ZstdError,
+        ) as error:
             raise ArmguardError(str(self.path), f"is damaged ({error})") from None
         self.is_cut_off = True
 
@@ -187,15 +184,3 @@ class Recording:
                     yield opcode, content
         except OSError as error:
             raise ArmguardError(str(self.path), f"cannot be read ({error.strerror})") from None
-
-
-def _split(content: bytes) -> Iterator[tuple[int, memoryview]]:
-    """Opcode and content of each record in a chunk."""
-    view, place = memoryview(content), 0
-    while place < len(view):
-        opcode, length = _FRAME.unpack_from(view, place)
-        place += _FRAME.size
-        if length > len(view) - place:
-            raise ValueError("a record is longer than its chunk")
-        yield opcode, view[place : place + length]
-        place += length

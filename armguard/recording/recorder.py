@@ -146,8 +146,7 @@ class Recorder:
 
     def note(self, text: str) -> None:
         """Write a line for people, as of the present."""
-        now = time.time_ns()
-        timestamp = Time(now // 1_000_000_000, now % 1_000_000_000)
+        timestamp = Time(*divmod(time.time_ns(), 1_000_000_000))
         self.note_message(Log(timestamp=timestamp, level=3, message=text))
 
     def find_trouble(self) -> str:

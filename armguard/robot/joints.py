@@ -216,3 +216,11 @@ def is_prismatic(model: Any, joint: int) -> bool:
         expected="a revolute or prismatic joint with one degree of freedom",
         remedy="lock it, or watch only the joints behind it",
     )
+
+
+def find_axis(model: Any, joint: int) -> NDArray[np.float64]:
+    """Along which a joint slides, or about which it turns, in its own frame: a unit vector."""
+    motion = np.ravel(model.joints[joint].createData().S)
+    # What slides does not turn, and what turns does not slide.
+    axis: NDArray[np.float64] = motion[:3] + motion[3:]
+    return axis

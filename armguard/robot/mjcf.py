@@ -68,6 +68,20 @@ def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
     return _Reader(Path(path), mujoco, compiled, drawn, has_all_inertias).read()
 
 
+def find_solid(compiled: Any) -> list[int]:
+    """Geoms of an `mjModel` that can collide."""
+    is_solid = (compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)
+    is_solid[compiled.pair_geom1] = is_solid[compiled.pair_geom2] = True
+    return np.flatnonzero(is_solid).tolist()
+
+
+def read_vertices(compiled: Any, mesh: int) -> FloatArray:
+    """Vertices of a mesh of an `mjModel`, whose convex hull MuJoCo collides. Shape (n, 3)."""
+    first, count = compiled.mesh_vertadr[mesh], compiled.mesh_vertnum[mesh]
+    vertices: FloatArray = compiled.mesh_vert[first : first + count].astype(np.float64)
+    return vertices
+
+
 class _Reader:
     """Makes Pinocchio's model of MuJoCo's, which numbers bodies, joints and geoms."""
 
@@ -165,12 +179,7 @@ class _Reader:
         compiled, name = self._compiled, self._bodies[body]
         first = compiled.body_geomadr[body]
         geoms = range(first, first + compiled.body_geomnum[body])
-        paired = {*compiled.pair_geom1, *compiled.pair_geom2}
-        solid = [
-            geom
-            for geom in geoms
-            if compiled.geom_contype[geom] or compiled.geom_conaffinity[geom] or geom in paired
-        ]
+        solid = [geom for geom in find_solid(compiled) if geom in geoms]
         if name in self._drawn:
             check_drawn(name, self._bodies, has_own=bool(solid), is_drawn=bool(geoms))
             solid = list(geoms)
@@ -238,8 +247,7 @@ def _place(position: Any, quaternion: Any) -> Any:
 
 
 def _make_mesh(compiled: Any, mesh: int) -> Any:
-    first, count = compiled.mesh_vertadr[mesh], compiled.mesh_vertnum[mesh]
-    corners = compiled.mesh_vert[first : first + count].astype(np.float64)
+    corners = read_vertices(compiled, mesh)
     first, count = compiled.mesh_faceadr[mesh], compiled.mesh_facenum[mesh]
     faces = compiled.mesh_face[first : first + count]
     made = coal.BVHModelOBBRSS()

@@ -21,6 +21,7 @@ from armguard.cover.cover import Cover, CoverTree
 from armguard.exceptions import RobotError
 from armguard.jit.arrays import FloatArray
 from armguard.robot.brakes import BrakeEntry, Brakes
+from armguard.robot.joints import find_axis
 from armguard.robot.robot import PublishedLimits, Robot, _Bodies, _Link
 
 LIMITS = (
@@ -213,12 +214,11 @@ def _read(values: Any, shape: tuple[int, ...]) -> FloatArray:
 
 def _describe_joint(model: Any, joint: int) -> dict[str, Any]:
     kind, placement = model.joints[joint].shortname(), model.jointPlacements[joint]
-    motion = np.ravel(model.joints[joint].createData().S)
     return {
         "name": str(model.names[joint]),
         "parent": str(model.names[model.parents[joint]]),
         "kind": str(kind),
-        "axis": write_numbers(motion[:3] + motion[3:]),
+        "axis": write_numbers(find_axis(model, joint)),
         "rotation": write_numbers(placement.rotation),
         "translation": write_numbers(placement.translation),
     }

@@ -30,16 +30,28 @@ class Command(NamedTuple):
 
 def draw_collada(path: str, text: str) -> Command:
     """A Collada file with its own materials."""
-    document = {"uuid": path, "type": "_meshfile_object", "format": "dae", "data": text}
-    return _set_object(path, {"geometries": [], "materials": [], "object": document | _RESOURCES})
+    document = {
+        "uuid": path,
+        "type": "_meshfile_object",
+        "format": "dae",
+        "data": text,
+        "resources": {},
+    }
+    return _set_object(path, {"geometries": [], "materials": [], "object": document})
 
 
 def draw_triangles(path: str, triangles: ArrayLike, colour: tuple[float, ...]) -> Command:
     """A mesh of triangles, in [m], shape (n, 3, 3), of one colour, flatly shaded."""
+    position = {
+        "itemSize": 3,
+        "type": "Float32Array",
+        "array": pack_floats(triangles),
+        "normalized": False,
+    }
     geometry = {
         "uuid": path + "/geometry",
         "type": "BufferGeometry",
-        "data": {"attributes": {"position": _attribute(triangles)}},
+        "data": {"attributes": {"position": position}},
     }
     material = {
         "uuid": path + "/material",
@@ -198,9 +210,6 @@ def show(panel: str, content: Mapping[str, Any]) -> Command:
     return _pack(panel, "", content)
 
 
-_RESOURCES: dict[str, Any] = {"resources": {}}
-
-
 def _set_object(path: str, content: Mapping[str, Any]) -> Command:
     metadata = {"version": 4.5, "type": "Object"}
     return _pack("set_object", path, {"object": {"metadata": metadata, **content}})
@@ -237,15 +246,6 @@ def _pack_paints(paints: Paints) -> dict[str, msgspec.msgpack.Ext]:
 def _pack(kind: str, path: str, content: Mapping[str, Any]) -> Command:
     payload = msgspec.msgpack.encode({"type": kind, "path": path, **content})
     return Command(f"{kind} {path}", payload)
-
-
-def _attribute(values: ArrayLike) -> dict[str, Any]:
-    return {
-        "itemSize": 3,
-        "type": "Float32Array",
-        "array": pack_floats(values),
-        "normalized": False,
-    }
 
 
 def pack_floats(values: ArrayLike) -> msgspec.msgpack.Ext:

@@ -313,14 +313,27 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             stands.tobytes(),
         )
 
-    counts = _unpack("packed_counts", "u1")
-    """Points of each obstacle. Shape (n,)."""
     points = _unpack("packed_points", "<f4", -1, 3)
     """Points of all obstacles, in [m]. Shape (sum of counts, 3)."""
     radii = _unpack("packed_radii", "<f4")
     """In [m]. Shape (n,)."""
     times = _unpack("packed_times", "<f4")
     """Contact time of the most imminent pair of each, in [s]. Shape (n,)."""
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Points of each obstacle. Shape (n,)."""
+        return np.frombuffer(self.packed_counts, "u1").astype(np.int64)
+
+    @property
+    def owners(self) -> NDArray[np.int64]:
+        """Number of each point's obstacle. Shape (sum of counts,)."""
+        return np.repeat(np.arange(len(self.counts)), self.counts)
+
+    @property
+    def bodies(self) -> list[NDArray[np.float64]]:
+        """Points of each obstacle, in [m]. Shape (count, 3) each."""
+        return np.split(self.points.astype(np.float64), np.cumsum(self.counts))[:-1]
 
     @property
     def refused(self) -> NDArray[np.bool_]:
@@ -428,14 +441,8 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
 Message = SceneMessage | FrameMessage | StatusMessage
 
 
-def _plain(value: object) -> object:
-    """NumPy's scalars are numbers as well."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"a {type(value).__name__} cannot be told to a view")
-
-
-_encoder = msgspec.msgpack.Encoder(enc_hook=_plain)
+# NumPy's scalars are numbers as well.
+_encoder = msgspec.msgpack.Encoder(enc_hook=np.generic.item)
 _decoder = msgspec.msgpack.Decoder(Message)
 
 
@@ -503,7 +510,7 @@ def _check_sizes(message: Message) -> list[tuple[str, bool]]:
         ("reach", len(message.reach.packed) % 16 == 0),
         ("obstacles.counts", len(obstacles.packed_counts) == number),
         ("obstacles.counts", bool(np.all(obstacles.counts > 0))),
-        ("obstacles.points", len(obstacles.packed_points) == 12 * int(obstacles.counts.sum())),
+        ("obstacles.points", len(obstacles.packed_points) == 12 * len(obstacles.owners)),
         ("obstacles.radii", len(obstacles.packed_radii) == 4 * number),
         ("obstacles.refused", len(obstacles.packed_refused) == number),
         ("obstacles.times", len(obstacles.packed_times) == 4 * number),

@@ -6,6 +6,7 @@ of itself while it has no moments, and what has been added to the strip since th
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -57,23 +58,13 @@ class PageState:
     def tell(self, told: FilmPosition) -> bytes:
         """The news for a browser; from now on it has been told them."""
         film = self.film
-        if told.edition != film.edition:
+        is_new = told.edition != film.edition
+        if is_new:
             told.edition, told.moment, told.events = film.edition, 0, 0
-            is_new = True
-        else:
-            is_new = False
-        fresh = []
-        for moment in reversed(film.moments):
-            if moment.number <= told.moment:
-                break
-            fresh.append(describe_moment(moment))
-        fresh.reverse()
-        events = [
-            {"number": event.number, "now": event.now, "kind": event.kind, "text": event.text}
-            for event in film.events
-            if event.number > told.events
-        ]
-        if fresh:
+        fresh = itertools.takewhile(lambda one: one.number > told.moment, reversed(film.moments))
+        moments = [describe_moment(moment) for moment in fresh][::-1]
+        events = [event._asdict() for event in film.events if event.number > told.events]
+        if moments:
             told.moment = told.events = film.moments[-1].number
         silence = None if self._last_frame is None else self._clock() - self._last_frame
         content: dict[str, Any] = {
@@ -85,7 +76,7 @@ class PageState:
             "problem": self.problem,
             "anew": is_new,
             "first": film.moments[0].number if film.moments else 0,
-            "moments": fresh,
+            "moments": moments,
             "events": events,
         }
         return show("news", content).payload

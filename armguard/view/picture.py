@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 
 import coal
 import msgspec
@@ -45,6 +45,8 @@ from armguard.view.segments import connect
 from armguard.view.stopping import StoppingVolume
 
 Array = NDArray[np.float64]
+Drawing = Generator[Command, None, Array]
+"""Commands, and after them where what was drawn is."""
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.28
@@ -69,6 +71,7 @@ _BALL_DIRECTIONS = np.array(
     [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z], float
 )
 _BALL_DIRECTIONS /= np.linalg.norm(_BALL_DIRECTIONS, axis=1, keepdims=True)
+_NO_BALLS = np.zeros((0, 4))
 
 
 class Picture:
@@ -78,6 +81,9 @@ class Picture:
         draw: Takes each command; of a key, the latest counts.
         clear: Called before another scene is drawn, to forget all commands.
         floor: Height of the floor, in [m].
+
+    Attributes:
+        scene: What was drawn last; None before there is any.
     """
 
     def __init__(
@@ -89,22 +95,18 @@ class Picture:
         self._draw = draw
         self._clear = clear
         self._floor = floor
-        self._message: SceneMessage | None = None
+        self.scene: SceneMessage | None = None
         self._arm: Arm | None = None
         self._volume: StoppingVolume | str | None = None
         self._notes: list[str] = []
         self._hulls: dict[bytes, Array] = {}
 
-    @property
-    def scene(self) -> SceneMessage | None:
-        """What was drawn last."""
-        return self._message
-
     def draw_scene(self, message: SceneMessage) -> bool:
         """Draw what does not change; whether it was another scene than before."""
-        if message == self._message:
+        if message == self.scene:
             return False
-        self._message, self._arm, self._volume = message, None, None
+        self.scene = self._scene = message
+        self._arm = self._volume = None
         self._hulls = {}
         self._clear()
         self._margins = message.slow_margin, message.aware_margin
@@ -146,34 +148,36 @@ class Picture:
 
     def draw_frame(self, message: FrameMessage, *, with_volume: bool = False) -> None:
         """Draw one moment; without a scene there is nothing yet to draw it in."""
-        for command in self.compute_frame(message, with_volume=with_volume):
+        # All are made before the first is drawn: a moment is drawn whole, or not at all.
+        for command in list(self.compute_frame(message, with_volume=with_volume)):
             self._draw(command)
 
-    def compute_frame(self, message: FrameMessage, *, with_volume: bool = False) -> list[Command]:
+    def compute_frame(
+        self, message: FrameMessage, *, with_volume: bool = False
+    ) -> Iterator[Command]:
         """The commands that draw one moment; none without a scene.
 
         Args:
             message: The moment.
             with_volume: Whether to draw where the arm can be until it rests.
         """
-        if self._message is None:
-            return []
-        commands: list[Command] = []
+        if self.scene is None:
+            return
         notes = list(self._notes)
-        cover = np.zeros((0, 4))
+        cover = _NO_BALLS
         if self._arm is not None:
             try:
-                cover = self._draw_arm(self._arm, message, commands)
+                cover = yield from self._draw_arm(self._arm, message)
             except ArmguardError as error:
                 notes.append(f"the arm is not moved: {error}")
             else:
-                self._draw_plan(self._arm, message, commands)
-        volume = self._find_volume(message, notes) if with_volume else np.zeros((0, 4))
+                yield from self._draw_plan(self._arm, message)
+        volume = self._find_volume(message, notes) if with_volume else _NO_BALLS
         paints = Paints.of(INK, len(volume))
-        commands.append(drawing.draw_balls(f"{ROOT}/volume", volume, paints, Look(0.1)))
-        legs = self._draw_obstacles(message, commands)
-        segments = self._draw_pairs(message, cover, commands)
-        self._draw_reach(message, commands)
+        yield drawing.draw_balls(f"{ROOT}/volume", volume, paints, Look(0.1))
+        legs = yield from self._draw_obstacles(message)
+        segments = yield from self._draw_pairs(message, cover)
+        yield self._draw_reach(message)
         for limit, detail in ((MANY, "the least"), (SOME, "less")):
             if len(message.obstacles.ids) > limit:
                 notes.append(f"more than {limit} obstacles: each is drawn with {detail} detail")
@@ -183,68 +187,63 @@ class Picture:
                 f"{message.omitted} more obstacles, less imminent than these, are watched and not "
                 "drawn"
             )
-        commands.append(self._aim(message, cover, segments, legs))
-        commands.append(self._describe(message, notes))
-        return commands
+        yield self._aim(message, cover, segments, legs)
+        yield self._describe(message, notes)
 
     def _paint(self, times: NDArray[np.float32], message: FrameMessage) -> Paints:
-        assert self._message is not None, "paints a scene's frame"
         verdict = message.verdict
         return choose_paints(
-            times, self._message.period, verdict.stop_time, self._margins, verdict.level
+            times, self._scene.period, verdict.stop_time, self._margins, verdict.level
         )
 
     def _draw_sensors(self, message: SceneMessage) -> None:
-        lines = []
-        for _, pose in message.sensors:
-            matrix = np.array(pose).reshape(4, 4)
-            lines += [(matrix[:3, 3], matrix[:3, 3] + AXIS * matrix[:3, k]) for k in range(3)]
-        axes = np.tile(np.array([AXIS_X, AXIS_Y, AXIS_Z], np.uint8), len(message.sensors))
-        axes_paints = Paints(axes, axes)
-        self._draw(drawing.draw_lines(f"{ROOT}/sensors/axes", np.array(lines), axes_paints))
-        balls = [[*np.array(pose).reshape(4, 4)[:3, 3], 0.02] for _, pose in message.sensors]
+        poses = np.array([pose for _, pose in message.sensors]).reshape(-1, 4, 4)
+        origins = poses[:, :3, 3]
+        starts = np.repeat(origins, 3, axis=0)
+        ends = starts + AXIS * poses[:, :3, :3].transpose(0, 2, 1).reshape(-1, 3)
+        axes = np.tile(np.array([AXIS_X, AXIS_Y, AXIS_Z], np.uint8), len(poses))
+        lines = np.stack([starts, ends], axis=1)
+        self._draw(drawing.draw_lines(f"{ROOT}/sensors/axes", lines, Paints(axes, axes)))
         self._draw(
             drawing.draw_balls(
                 f"{ROOT}/sensors/origins",
-                np.array(balls),
-                Paints.of(INK, len(balls)),
+                np.column_stack([origins, np.full(len(poses), 0.02)]),
+                Paints.of(INK, len(poses)),
                 Look(),
                 Labels([f"frame {name}" for name, _ in message.sensors]),
             )
         )
 
-    def _draw_arm(self, arm: Arm, message: FrameMessage, commands: list[Command]) -> Array:
-        assert self._message is not None, "an arm has a scene"
+    def _draw_arm(self, arm: Arm, message: FrameMessage) -> Drawing:
         if not np.isfinite(message.q).all():
             raise ArmguardError("q", "is not finite")
         arm.place(message.q)
-        commands += [drawing.move(path, pose) for path, pose in arm.compute_poses()]
+        for mesh, pose in arm.compute_poses():
+            yield drawing.move(mesh, pose)
         for number, level in enumerate(arm.compute_levels()):
             paints = Paints.of(UNWATCHED, len(level))
             path = f"{ROOT}/tree/{number}"
-            commands.append(drawing.draw_balls(path, level, paints, Look(0.35)))
+            yield drawing.draw_balls(path, level, paints, Look(0.35))
         cover = arm.compute_cover()
         times = np.frombuffer(message.sphere_times, "<f4")
         if len(times) != len(cover):
             raise ArmguardError(
                 "sphere_times", f"has {len(times)} values", expected=f"{len(cover)}"
             )
-        links = self._message.cover
-        commands.append(
-            drawing.draw_balls(
-                f"{ROOT}/cover",
-                cover,
-                self._paint(times, message),
-                Look(COVER_OPACITY, _count_segments(len(cover))),
-                Labels([links[number].link for number in arm.links], times),
-            )
+        links = self._scene.cover
+        yield drawing.draw_balls(
+            f"{ROOT}/cover",
+            cover,
+            self._paint(times, message),
+            Look(COVER_OPACITY, _count_segments(len(cover))),
+            Labels([links[number].link for number in arm.links], times),
         )
         return cover
 
-    def _draw_plan(self, arm: Arm, message: FrameMessage, commands: list[Command]) -> None:
+    def _draw_plan(self, arm: Arm, message: FrameMessage) -> Iterator[Command]:
         """The way that the arm was told to go, and the arm at its end."""
         rows = np.frombuffer(message.plan, "<f4").reshape(-1, max(len(message.q), 1))
-        end, path = np.zeros((0, 4)), np.zeros((0, 2, 3))
+        end, path = _NO_BALLS, np.zeros((0, 2, 3))
         if len(rows) and np.isfinite(rows).all():
             tips = []
             for row in rows:
@@ -253,15 +252,13 @@ class Picture:
                 tips.append(end[-1, :3])
             path = np.stack([tips[:-1], tips[1:]], axis=1)
             arm.place(message.q)
-        ghost = drawing.draw_balls(f"{ROOT}/plan/ghost", end, Paints.of(INK, len(end)), Look(0.12))
-        way = drawing.draw_lines(f"{ROOT}/plan/path", path, Paints.of(INK, len(path)), 0.8)
-        commands += [ghost, way]
+        yield drawing.draw_balls(f"{ROOT}/plan/ghost", end, Paints.of(INK, len(end)), Look(0.12))
+        yield drawing.draw_lines(f"{ROOT}/plan/path", path, Paints.of(INK, len(path)), 0.8)
 
     def _find_volume(self, message: FrameMessage, notes: list[str]) -> Array:
-        assert self._message is not None, "asked for with a scene alone"
         try:
             if self._volume is None:
-                self._volume = StoppingVolume(self._message)
+                self._volume = StoppingVolume(self._scene)
             if isinstance(self._volume, str):
                 raise ArmguardError("the stopping volume", self._volume)
             return self._volume.compute(message)
@@ -269,9 +266,9 @@ class Picture:
             if self._volume is None:
                 self._volume = str(error)
             notes.append(f"the stopping volume is not drawn: {error}")
-            return np.zeros((0, 4))
+            return _NO_BALLS
 
-    def _draw_obstacles(self, message: FrameMessage, commands: list[Command]) -> Array:
+    def _draw_obstacles(self, message: FrameMessage) -> Drawing:
         """Draw what is in the cell; the lines of the legs that a person has for the eye."""
         obstacles = message.obstacles
         paints = self._paint(obstacles.times, message)
@@ -279,10 +276,8 @@ class Picture:
         for some in paints:
             some[lifeless] += STILL
             some[obstacles.refused] = REFUSED
-        counts, points, radii = obstacles.counts.astype(np.int64), obstacles.points, obstacles.radii
-        ends = np.cumsum(counts)
+        counts, owner, bodies = obstacles.counts, obstacles.owners, obstacles.bodies
         sound = find_sound(obstacles)
-        owner = np.repeat(np.arange(len(counts)), counts)
         # Solid bodies are drawn once, translucent ones twice.
         opacity = OBSTACLE_OPACITY if len(counts) <= SOME else 1.0
         look = Look(opacity, _count_segments(len(counts)))
@@ -299,59 +294,50 @@ class Picture:
             return Labels(names, obstacles.times[rows])
 
         # Where parts of a body meet, the more imminent one lies outside, and is seen in one piece.
-        assert self._message is not None, "draws a scene's frame"
-        buckets = compute_buckets(obstacles.times, self._message.period).astype(np.int64)
-        outer = radii * (1.0 + OUTSIDE * (BUCKET_COUNT - 1 - buckets))
-        balls = np.column_stack([points, outer[owner]])
+        buckets = compute_buckets(obstacles.times, self._scene.period).astype(np.int64)
+        outer = obstacles.radii * (1.0 + OUTSIDE * (BUCKET_COUNT - 1 - buckets))
+        balls = np.column_stack([obstacles.points, outer[owner]])
         for group, chosen in (
             ("obstacles", ~obstacles.statics),
             ("statics", obstacles.statics),
         ):
             those = sound & chosen
             places = np.flatnonzero(those[owner] & (counts[owner] <= 2))
-            commands.append(
-                drawing.draw_balls(
-                    f"{ROOT}/{group}/balls",
-                    balls[places],
-                    paints.take(owner[places]),
-                    look,
-                    label(owner[places]),
-                )
+            yield drawing.draw_balls(
+                f"{ROOT}/{group}/balls",
+                balls[places],
+                paints.take(owner[places]),
+                look,
+                label(owner[places]),
             )
             capsules = np.flatnonzero(those & (counts == 2))
-            commands.append(
-                drawing.draw_rods(
-                    f"{ROOT}/{group}/rods",
-                    np.stack([points[ends[capsules] - 2], points[ends[capsules] - 1]], axis=1),
-                    outer[capsules],
-                    paints.take(capsules),
-                    look,
-                    label(capsules),
-                )
+            yield drawing.draw_rods(
+                f"{ROOT}/{group}/rods",
+                np.array([bodies[row] for row in capsules]),
+                outer[capsules],
+                paints.take(capsules),
+                look,
+                label(capsules),
             )
             hulls = np.flatnonzero(those & (counts > 2))
-            commands.append(self._draw_hulls(group, obstacles, hulls, paints, label(hulls)))
+            yield self._draw_hulls(group, obstacles, hulls, paints, label(hulls))
         edged = balls[(sound & obstacles.refused)[owner]]
         edged[:, 3] *= 1.02
-        commands.append(
-            drawing.draw_balls(
-                f"{ROOT}/refused",
-                edged,
-                Paints.of(INK, len(edged)),
-                Look(0.5, segments=10, is_wire=True),
-            )
+        yield drawing.draw_balls(
+            f"{ROOT}/refused",
+            edged,
+            Paints.of(INK, len(edged)),
+            Look(0.5, segments=10, is_wire=True),
         )
-        first = points[ends - counts].astype(np.float64) if len(counts) else np.zeros((0, 3))
-        legs = draw_legs(dict(zip(obstacles.ids, first, strict=True)), self._floor)
-        commands.append(
-            drawing.draw_rods(
-                f"{ROOT}/figure",
-                legs,
-                np.full(len(legs), 0.02),
-                Paints.of(PALE, len(legs)),
-                Look(0.35),
-                Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
-            )
+        first = {id: body[0] for id, body in zip(obstacles.ids, bodies, strict=True)}
+        legs = draw_legs(first, self._floor)
+        yield drawing.draw_rods(
+            f"{ROOT}/figure",
+            legs,
+            np.full(len(legs), 0.02),
+            Paints.of(PALE, len(legs)),
+            Look(0.35),
+            Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
         )
         return legs
 
@@ -364,12 +350,11 @@ class Picture:
         labels: Labels,
     ) -> Command:
         """Draw boxes and the like; one whose shape and place are known is not computed again."""
-        ends = np.cumsum(obstacles.counts.astype(np.int64))
+        bodies = obstacles.bodies
         known: dict[bytes, Array] = {}
         corners, owners = [np.zeros((0, 3, 3))], []
         for row in rows:
-            points = obstacles.points[ends[row] - obstacles.counts[row] : ends[row]]
-            radius = float(obstacles.radii[row])
+            points, radius = bodies[row], float(obstacles.radii[row])
             key = points.tobytes() + str(radius).encode()
             known[key] = self._hulls[key] if key in self._hulls else _hull(points, radius)
             corners.append(known[key])
@@ -385,7 +370,7 @@ class Picture:
             labels,
         )
 
-    def _draw_pairs(self, message: FrameMessage, cover: Array, commands: list[Command]) -> Array:
+    def _draw_pairs(self, message: FrameMessage, cover: Array) -> Drawing:
         segments, times = self._find_segments(message, cover)
         paints = self._paint(times, message)
         for path, chosen, radius in (
@@ -393,18 +378,16 @@ class Picture:
             ("near", slice(1, NEAR_PAIRS), NEAR_RADIUS),
         ):
             some = segments[chosen]
-            commands.append(
-                drawing.draw_rods(
-                    f"{ROOT}/pairs/{path}",
-                    some,
-                    np.full(len(some), radius),
-                    paints.take(chosen),
-                    Look(),
-                )
+            yield drawing.draw_rods(
+                f"{ROOT}/pairs/{path}",
+                some,
+                np.full(len(some), radius),
+                paints.take(chosen),
+                Look(),
             )
         rest = slice(NEAR_PAIRS, None)
         path = f"{ROOT}/pairs/rest"
-        commands.append(drawing.draw_lines(path, segments[rest], paints.take(rest), FAINT))
+        yield drawing.draw_lines(path, segments[rest], paints.take(rest), FAINT)
         return segments
 
     def _find_segments(
@@ -415,30 +398,26 @@ class Picture:
         segments, times = [], []
         if self._arm is not None and len(cover):
             obstacles, sound = message.obstacles, find_sound(message.obstacles)
-            ends = np.cumsum(obstacles.counts.astype(np.int64))
+            bodies = obstacles.bodies
             for link, row, time in zip(pairs.links, pairs.obstacles, pairs.times, strict=True):
                 balls = cover[self._arm.links == link]
                 if not (sound[row] and len(balls)):
                     continue
-                points = obstacles.points[ends[row] - obstacles.counts[row] : ends[row]]
-                radius = float(obstacles.radii[row])
-                segments.append(connect(balls, points.astype(np.float64), radius))
+                segments.append(connect(balls, bodies[row], float(obstacles.radii[row])))
                 times.append(time)
         return np.array(segments).reshape(-1, 2, 3), np.array(times, dtype=np.float32)
 
-    def _draw_reach(self, message: FrameMessage, commands: list[Command]) -> None:
+    def _draw_reach(self, message: FrameMessage) -> Command:
         balls = message.reach.values[np.isfinite(message.reach.values).all(axis=1)]
         first = message.obstacles.times[0] if len(message.obstacles.times) else 0.0
         paints = self._paint(np.full(len(balls), first, np.float32), message)
-        commands.append(drawing.draw_balls(f"{ROOT}/reach", balls, paints, Look(0.14)))
+        return drawing.draw_balls(f"{ROOT}/reach", balls, paints, Look(0.14))
 
     def _aim(self, message: FrameMessage, cover: Array, segments: Array, legs: Array) -> Command:
         """What the camera is to keep in the picture: balls in the world, in [m]."""
-        assert self._message is not None, "aims at a scene"
         obstacles = message.obstacles
-        counts = obstacles.counts.astype(np.int64)
-        owner = np.repeat(np.arange(len(counts)), counts)
-        base = np.array(self._message.base).reshape(4, 4)[:3, 3]
+        owner = obstacles.owners
+        base = np.array(self._scene.base).reshape(4, 4)[:3, 3]
         near = np.linalg.norm(obstacles.points - base, axis=1) < FRAMED_WITHIN
         moving = (find_sound(obstacles) & ~obstacles.statics)[owner] & near
         bodies = np.column_stack([obstacles.points, obstacles.radii[owner]])[moving]
@@ -455,7 +434,6 @@ class Picture:
 
     def _describe(self, message: FrameMessage, notes: list[str]) -> Command:
         """What the panels say."""
-        assert self._message is not None, "describes a scene's frame"
         verdict = message.verdict
         own = find_levels([verdict.contact_time], verdict.stop_time, self._margins, verdict.level)
         content = {
@@ -482,8 +460,7 @@ class Picture:
         An explanation takes as long as dozens of ticks, and needs all that led to the moment: a
         running monitor has neither the time nor anybody who could ask in its place.
         """
-        assert self._message is not None, "tells of a scene's frame"
-        verdict, scene = message.verdict, self._message
+        verdict, scene = message.verdict, self._scene
         if verdict.level != LEVELS[0] or verdict.since is None or scene.is_recorded:
             return ""
         if message.explanation or not math.isfinite(verdict.since):
@@ -500,24 +477,21 @@ def _count_segments(count: int) -> int:
 
 def find_sound(obstacles: ObstacleShapes) -> NDArray[np.bool_]:
     """Which obstacles are somewhere, and can be drawn. Shape (n,)."""
-    counts = obstacles.counts.astype(np.int64)
-    if not len(counts):
-        return np.zeros(0, dtype=np.bool_)
     finite = np.isfinite(obstacles.points).all(axis=1)
-    whole = np.logical_and.reduceat(finite, np.cumsum(counts) - counts)
+    whole = np.logical_and.reduceat(finite, np.cumsum(obstacles.counts) - obstacles.counts)
     sound: NDArray[np.bool_] = whole & (obstacles.radii >= 0.0) & (obstacles.radii < np.inf)
     return sound
 
 
-def _hull(points: NDArray[np.float32], radius: float) -> Array:
+def _hull(points: Array, radius: float) -> Array:
     """Triangles of the rounded hull, in [m]. Shape (n, 3, 3)."""
     # A flat hull has no inside: too thin a one is drawn a millimetre thick.
-    corners = points.astype(np.float64)[:, None] + max(radius, 1e-3) * _BALL_DIRECTIONS
+    corners = points[:, None] + max(radius, 1e-3) * _BALL_DIRECTIONS
     vertices = coal.StdVec_Vec3s()
     for corner in corners.reshape(-1, 3):
         vertices.append(corner)
     hull = coal.Convex.convexHull(vertices, True, "Qt")
-    polygons = [hull.polygons(number) for number in range(hull.num_polygons)]
+    polygons = map(hull.polygons, range(hull.num_polygons))
     indices = np.array([[polygon[0], polygon[1], polygon[2]] for polygon in polygons])
     triangles: Array = np.asarray(hull.points())[indices]
     return triangles

@@ -231,7 +231,7 @@ class Watch:
         frame = decode_message(moment.payload)
         assert isinstance(frame, FrameMessage), "a film has frames"
         try:
-            return self._picture.compute_frame(frame, with_volume=with_volume)
+            return list(self._picture.compute_frame(frame, with_volume=with_volume))
         except Exception as error:  # alike
             self._complain(f"{type(error).__name__}: {error}")
             return None

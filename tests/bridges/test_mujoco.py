@@ -182,6 +182,17 @@ def test_what_cannot_be_an_obstacle_is_refused_by_name(make, words):
         MujocoObstacles(spec.compile(), ["thing"])
 
 
+def test_the_world_stands_for_what_is_fixed_to_it_alone():
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_geom(name="post", type=G.mjGEOM_BOX, size=[0.1, 0.1, 1.0])
+    spec.worldbody.add_body(name="thing").add_geom(type=G.mjGEOM_SPHERE, size=[1, 0, 0])
+    model, obstacles = spec.compile(), Obstacles()
+    source = MujocoObstacles(model, ["world"])
+    source.add_statics(obstacles, mujoco.MjData(model))
+    assert source.ids == []
+    assert [name for name in obstacles.ids if name] == ["post"]
+
+
 def test_a_body_that_is_not_there_is_refused_by_name(bodies):
     with pytest.raises(ArmguardError, match=r"'ghost'.*crate"):
         MujocoObstacles(bodies[0], ["ghost"])

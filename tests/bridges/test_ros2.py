@@ -111,6 +111,17 @@ def test_old_transforms_and_wrong_errors_are_refused():
             Transforms({"eye": FrameErrors(speed=wrong)})
 
 
+def test_of_a_frame_only_what_was_told_last_of_its_kind_and_parent_counts():
+    tree = Transforms({"eye": FrameErrors()})
+    told = [("world", None), ("world", 1.0), ("mast", 1.0), ("mast", None), ("world", 1.0)]
+    for place, (parent, stamp) in enumerate(told):
+        tree.take("eye", parent, (np.eye(3), np.array([place, 0.0, 0.0])), stamp)
+        points, goal, _ = tree.lead(np.zeros((1, 3)), "eye", 1.0, {"world", "mast"})
+        assert (points[0, 0], goal) == (place, parent)
+    with pytest.raises(ArmguardError, match="no transform within"):
+        tree.lead(np.zeros((1, 3)), "eye", 9.0, {"world"})
+
+
 @pytest.fixture(scope="module")
 def panda():
     return Robot.load("panda")

@@ -1,4 +1,5 @@
 import random
+import struct
 
 import pytest
 
@@ -151,3 +152,23 @@ def test_topics_of_others_in_a_recording_are_passed_over(tmp_path):
         messages=messages,
     )
     assert count(path) == (1, False)
+
+
+def write_chunk(path, records, checksum=0):
+    """A file with one chunk, not compressed."""
+    chunk = struct.pack("<QQQIIQ", 0, 0, len(records), checksum, 0, len(records)) + records
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, len(chunk)) + chunk)
+    return path
+
+
+@pytest.mark.parametrize("opcode", [4, 5, 127])
+@pytest.mark.parametrize("length", [0, 21, 2**31, 2**63, 2**64 - 1])
+def test_a_record_in_a_chunk_may_say_any_length(opcode, length, tmp_path):
+    path = write_chunk(tmp_path / "a.mcap", struct.pack("<BQ", opcode, length) + bytes(40))
+    with pytest.raises(ArmguardError, match=r"is damaged|is no recording"):
+        Recording(path)
+
+
+def test_a_chunk_with_another_check_sum_is_damage(tmp_path):
+    with pytest.raises(ArmguardError, match=r"is damaged .*crc"):
+        Recording(write_chunk(tmp_path / "a.mcap", bytes(40), checksum=1))

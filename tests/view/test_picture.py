@@ -273,3 +273,11 @@ def test_a_stopping_volume_that_cannot_be_found_is_said(page):
     assert "stopping volume is not drawn" in page["banner "]["notes"][0]
     page.picture.draw_frame(make_frame())
     assert page["banner "]["notes"] == []
+
+
+def test_a_moment_that_cannot_be_drawn_to_its_end_changes_nothing(page, monkeypatch):
+    before = dict(page.payloads)
+    monkeypatch.setattr(page.picture, "_describe", None)
+    with pytest.raises(TypeError):
+        page.picture.draw_frame(make_frame(0.01, sequence=99))
+    assert page.payloads == before
