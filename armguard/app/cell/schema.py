@@ -312,7 +312,7 @@ class KeysTable(_Table):
     """Who may connect, by name."""
 
 
-class CellTables(_Table):
+class CellTables(_Table, kw_only=True):
     """A whole cell file.
 
     With `robots`, `robot` and `tool` are those of the arm that is watched, and its own `ignore` is
