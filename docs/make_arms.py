@@ -18,7 +18,7 @@ from typing import Any
 
 from armguard.app.cli import NewRobot
 from armguard.exceptions import ArmguardError
-from armguard.lab.new_robot.command import make_folder, prepare
+from armguard.lab.new_robot.command import NO_PLANNING, make_folder, prepare
 from armguard.lab.new_robot.questions import Asker
 from armguard.robot import Robot
 
@@ -84,14 +84,15 @@ def read_arm(path: str) -> dict[str, Any]:
     begun = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         try:
-            prepared = prepare(make_wishes(path, scratch), None, Asker(None, takes_usual=True))
+            asker = Asker(None, takes_usual=True)
+            new, _, robot, _ = prepare(make_wishes(path, scratch), NO_PLANNING, asker)
         except ArmguardError as error:
             return {"refused": describe_refusal(error)}
     return {
-        "joints": len(prepared.robot.joints),
-        "locked": len(prepared.description.locked),
-        "links": len(prepared.robot.links),
-        "drawn": len(prepared.description.collision_from_visual),
+        "joints": len(robot.joints),
+        "locked": len(new.locked),
+        "links": len(robot.links),
+        "drawn": len(new.collision_from_visual),
         "described": round(time.process_time() - begun, 1),
     }
 
@@ -102,7 +103,7 @@ def fit_arm(path: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         wishes = make_wishes(path, scratch)
         try:
-            _, report = make_folder(wishes, None, Asker(None, takes_usual=True))
+            _, report = make_folder(wishes, NO_PLANNING, Asker(None, takes_usual=True))
         except ArmguardError as error:
             return {"refused": describe_refusal(error)}
         if not report.proved:

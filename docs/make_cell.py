@@ -64,7 +64,7 @@ TYPES = {
     "Annotated[list[Right], Meta(min_length=1)]": "strings",
     "bool": "boolean",
     "OperatingTable | Literal['published']": 'table, or `"published"`',
-    "dict[Name, Name | PatternTable]": "table of strings or tables",
+    "dict[Name, str | PatternTable]": "table of strings or tables",
 }
 """What the types in the schema are called; other tables are called so by `name_type`."""
 

@@ -20,9 +20,10 @@ import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, Protocol, get_type_hints
+from typing import Annotated, Literal, Protocol, TypeVar, dataclass_transform, get_type_hints
 
 import tyro
+from tyro.conf import Positional
 
 from armguard.app.processes import (
     COMPLAINT,
@@ -38,7 +39,9 @@ from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDIC
 MISTAKE = 2
 """Exit code of a call that could not be carried out as given."""
 
-Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
+_T = TypeVar("_T")
+
+Flag = tyro.conf.FlagCreatePairsOff[bool]
 
 
 _USUAL_VERDICTS = f"port {VERDICTS_ADDRESS.rpartition(':')[2]} of the same host"
@@ -57,7 +60,13 @@ class Command(Protocol):
         ...
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass_transform(frozen_default=True)
+def command(kind: type[_T]) -> type[_T]:
+    """Make a class a command: its fields are the options."""
+    return dataclasses.dataclass(frozen=True)(kind)
+
+
+@command
 class Demo:
     """Supervise a simulated arm at 1 kHz among moving people and obstacles.
 
@@ -99,14 +108,14 @@ class Demo:
         return run_demo(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Run:
     """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
 
     Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704 --record run.mcap
     """
 
-    cell: Annotated[Path, tyro.conf.Positional]
+    cell: Positional[Path]
     """The cell file."""
     arm: str | None = None
     """Which arm is watched, in a cell with several: one process for each."""
@@ -146,14 +155,14 @@ class Run:
         return supervise(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Replay:
     """Lead a monitor through a recording: the same verdicts to the bit, or the first that differs.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
     """
 
-    file: Annotated[Path, tyro.conf.Positional]
+    file: Positional[Path]
     """What `--record` or `armguard.Recorder` wrote; with --topics a rosbag2 folder or MCAP file."""
     topics: tuple[str, ...] = ()
     """Of a recording of others: joint states, and obstacles as /topic or source=/topic."""
@@ -191,14 +200,14 @@ class Replay:
         return replay(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Commission:
     """Find in a recording of a few stops what an arm and its controller do, as lines to paste.
 
     Example: armguard commission run.mcap --out commissioned
     """
 
-    file: Annotated[Path, tyro.conf.Positional]
+    file: Positional[Path]
     """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
     out: Path | None = None
     """The folder to write cell-lines.toml and robot.toml into."""
@@ -212,7 +221,7 @@ class Commission:
         return run_commission(self.file, self.out)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Reset:
     """End a latched STOP of a running monitor, once its cause has gone.
 
@@ -221,7 +230,7 @@ class Reset:
     Example: armguard reset tcp://127.0.0.1:5702 --token sesame
     """
 
-    address: Annotated[str, tyro.conf.Positional]
+    address: Positional[str]
     """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
     token: str
     """What `armguard run --reset-token` was given."""
@@ -243,14 +252,14 @@ class Reset:
         return send_reset(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class View:
     """Show a running monitor in the browser.
 
     Example: armguard view tcp://127.0.0.1:5704 --port 7000
     """
 
-    address: Annotated[str, tyro.conf.Positional]
+    address: Positional[str]
     """What `armguard run --view` was given."""
     port: int = 0
     """TCP port of the page; 0: any that is free."""
@@ -272,16 +281,16 @@ class View:
         return show(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Keys:
     """Make keys, with which streams may leave this machine, and without which nothing is let in.
 
     Example: armguard keys new camera --dir keys
     """
 
-    action: Annotated[Literal["new"], tyro.conf.Positional]
+    action: Positional[Literal["new"]]
     """Make a new pair."""
-    name: Annotated[str, tyro.conf.Positional]
+    name: Positional[str]
     """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
     dir: Path = Path()
     """The folder to write NAME.secret and NAME.public into."""
@@ -293,14 +302,14 @@ class Keys:
         return make_keys(self.name, self.dir)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Show:
     """Show an arm in the browser: its meshes, its cover, and the levels of the cover's tree.
 
     Example: armguard show ur5 --open
     """
 
-    robot: Annotated[str, tyro.conf.Positional]
+    robot: Positional[str]
     """A robot that armguard knows, the folder of one, or a URDF, to which a cover is fitted."""
     package_dirs: tuple[Path, ...] = ()
     """Folders in which the URDF's packages lie, besides those around it."""
@@ -316,14 +325,14 @@ class Show:
         return show_arm(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Cover:
     """Fit spheres to a robot's links, prove that they contain them, and write them.
 
     Example: armguard cover my_arm.urdf --protrusion 20 --out my_arm
     """
 
-    robot: Annotated[str, tyro.conf.Positional]
+    robot: Positional[str]
     """A URDF, a robot that armguard knows, or the folder of one of your own."""
     limits: Path | None = None
     """A robot.toml for that URDF, which says what moves; without it, every joint does."""
@@ -353,7 +362,7 @@ class Cover:
         return run(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class NewRobot:
     """Describe an arm of your own from its URDF or MJCF: limits, brakes, and a proved cover.
 
@@ -365,9 +374,9 @@ class NewRobot:
     Example: armguard robot new mujoco_arm.xml --velocity 3.14 --out my_arm
     """
 
-    action: Annotated[Literal["new"], tyro.conf.Positional]
+    action: Positional[Literal["new"]]
     """Make a new one; `armguard robots` lists those that armguard knows."""
-    urdf: Annotated[Path, tyro.conf.Positional]
+    urdf: Positional[Path]
     """A URDF, an MJCF, one below robots/ of example-robot-data, or YAML with robot_description."""
     out: Path
     """The folder to write robot.toml and cover.json into: new, or empty."""
@@ -421,7 +430,7 @@ class NewRobot:
         return run_new(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Faults:
     """Make faults on purpose in a simulated cell of real processes, and judge each.
 
@@ -442,14 +451,14 @@ class Faults:
         return run_faults(self.only, self.out)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Tradeoff:
     """Measure what accuracy costs: one scene through all settings, and a report to choose by.
 
     Example: armguard tradeoff --robot ur10 --seconds 10 --axis cover motion --out tradeoff
     """
 
-    cell: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[PATH]")] = None
+    cell: Annotated[Path | None, Positional, tyro.conf.arg(metavar="[PATH]")] = None
     """A cell file, whose settings are the default; without it, a robot by itself that keeps to
     its published operating limits."""
     person: Path | None = None
@@ -478,7 +487,7 @@ class Tradeoff:
         return run(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Extremes:
     """Show what armguard does far away from everyday numbers: sound, how tight, or refused.
 
@@ -499,7 +508,7 @@ class Extremes:
         return run(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Paper:
     """Measure what the paper claims of its schedules, from 3 to 100,000 pairs.
 
@@ -520,7 +529,7 @@ class Paper:
         return run(self)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Kernels:
     """Compile everything now, so that no start has to: while an image or a wheel is built.
 
@@ -537,7 +546,7 @@ class Kernels:
         return kernels.run(carry=self.carry)
 
 
-@dataclasses.dataclass(frozen=True)
+@command
 class Robots:
     """List the robots that armguard knows by name.
 
@@ -592,7 +601,8 @@ def describe_commands() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `armguard` with `arguments` (default: the process's own); the exit code."""
-    if list(sys.argv[1:] if arguments is None else arguments) == ["--version"]:
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given == ["--version"]:
         sys.stdout.write(describe_version() + "\n")
         return 0
     if arguments is None:
@@ -600,7 +610,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     command = None
     try:
-        command = _parse(arguments)
+        command = _parse(given)
         with termination_as_interrupt(), _output_of(command):
             return command.run()
     except ArmguardError as error:
@@ -626,15 +636,12 @@ def _output_of(command: Command) -> contextlib.AbstractContextManager[None]:
 
 def describe_version() -> str:
     """What is installed, in one line: versions that verdicts depend on."""
-    armguard, pin, numba = (
-        importlib.metadata.version(name) for name in ("armguard", "pin", "numba")
-    )
+    armguard, pin, numba = map(importlib.metadata.version, ("armguard", "pin", "numba"))
     return f"armguard {armguard} (pin {pin}, numba {numba}, Python {platform.python_version()})"
 
 
-def _parse(arguments: Sequence[str] | None) -> Command:
+def _parse(given: list[str]) -> Command:
     """Read the command line; a mistake ends the process with one line and exit code 2."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
     if given in (["--help"], ["-h"]):
         sys.stdout.write(describe_commands())
         sys.stdout.flush()
@@ -663,7 +670,7 @@ def _suggest_options(given: Sequence[str]) -> str:
     names = []
     for name, hint in get_type_hints(COMMANDS[given[0]], include_extras=True).items():
         extras = getattr(hint, "__metadata__", ())
-        if tyro.conf.Positional not in extras:
+        if Positional not in extras:
             renamed = [one.name for one in extras if getattr(one, "name", None)]
             names.append("--" + (renamed or [name])[0].replace("_", "-"))
     words = {word.partition("=")[0].replace("_", "-") for word in given if word.startswith("--")}

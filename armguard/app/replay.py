@@ -13,12 +13,11 @@ import sys
 import tempfile
 import time
 import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
-from rich.console import Console
 from rich.table import Table
 
 from armguard.app.cell.cell import Cell
@@ -42,11 +41,7 @@ from armguard.view.publisher import FramePublisher
 if TYPE_CHECKING:
     from armguard.app import cli
 
-COLUMNS = (
-    "time",
-    "now",
-    "sequence",
-    "level",
+_AS_THEY_ARE = (
     "contact_time",
     "stop_time",
     "speed_scale",
@@ -55,9 +50,10 @@ COLUMNS = (
     "complete",
     "evaluated",
     "stop",
-    "reasons",
-    "identical",
 )
+"""Fields of a verdict that the table has as they are."""
+
+COLUMNS = ("time", "now", "sequence", "level", *_AS_THEY_ARE, "reasons", "identical")
 """Of the table that `--csv` writes."""
 
 PAIRS_SHOWN = 5
@@ -136,16 +132,11 @@ def replay_own(wishes: cli.Replay) -> int:
     run = Replay(recording, changes)
     stops, watch, took = lead(run.monitor, run.ticks(), wishes)
     report, explained = run.report(), explain_tick(run.monitor, watch)
-    if wishes.json:
-        print_json(lambda: summarise(report, stops, took, changes) | describe_explained(explained))
-    else:
-        console = make_words_console(wishes)
-        for line in explained:
-            console.print(line)
-        if changes and not explained:
-            print_changes(console, stops, changes)
-        elif not explained:
-            print_replay(console, recording, report, stops, took)
+    found = summarise(report, stops, took, changes)
+    words: Sequence[str | Table] = describe_replay(recording, report, stops, took)
+    if changes:
+        words = describe_changes(stops, changes)
+    show(wishes, found, explained, explained or words)
     return 0 if changes or explained or report.is_identical else COMPLAINT
 
 
@@ -158,36 +149,26 @@ def replay_bag(wishes: cli.Replay) -> int:
     _, _, monitor = cell.build()
     inputs = BagInputs(wishes.topics, wishes.radius, wishes.snapshot, wishes.stamps)
     bag = BagRun(wishes.file, monitor, inputs)
-    problem = ""
-    with contextlib.ExitStack() as resources:
-        recorder = None
-        if wishes.record is not None:
-            recorder = resources.enter_context(Recorder(wishes.record, monitor))
+    recorder = None if wishes.record is None else Recorder(wishes.record, monitor)
+    with recorder or contextlib.nullcontext():
         stops, watch, took = lead(monitor, bag.ticks(), wishes, cell.urdf)
-        if recorder is not None:
-            problem = recorder.close()
+        problem = "" if recorder is None else recorder.close()
     explained = explain_tick(monitor, watch)
-    if wishes.json:
-        found = {
-            "ticks": stops.ticks,
-            "seconds": stops.seconds,
-            "took": took,
-            "stops": [stop._asdict() for stop in stops.stops],
-            "passed_over": bag.passed_over,
-        }
-        print_json(lambda: found | describe_explained(explained))
-    else:
-        lines = explained or [
-            f"{wishes.file}: {stops.ticks} verdicts, {len(stops.stops)} stops in "
-            f"{stops.seconds:.1f} s",
-            *(f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops),
-        ]
-        lines += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
-        if monitor.choice is not None:
-            lines += [f"settings chosen: {line}" for line in monitor.choice.summary]
-        console = make_words_console(wishes)
-        for line in lines:
-            console.print(line)
+    found = {
+        "ticks": stops.ticks,
+        "seconds": stops.seconds,
+        "took": took,
+        "stops": [stop._asdict() for stop in stops.stops],
+        "passed_over": bag.passed_over,
+    }
+    words = explained[:] or [
+        f"{wishes.file}: {stops.ticks} verdicts, {len(stops.stops)} stops in {stops.seconds:.1f} s",
+        *(f"{one.begin:.3f} s to {one.end:.3f} s: {one.reason}" for one in stops.stops),
+    ]
+    words += [f"passed over: {count} {kind}" for kind, count in bag.passed_over.items()]
+    if monitor.choice is not None:
+        words += [f"settings chosen: {line}" for line in monitor.choice.summary]
+    show(wishes, found, explained, words)
     if problem:
         complain(problem)
     return COMPLAINT if problem else 0
@@ -198,14 +179,26 @@ def shows_page(wishes: cli.Replay) -> bool:
     return wishes.view or wishes.export is not None
 
 
-def make_words_console(wishes: cli.Replay) -> Console:
-    """What words are printed on; a table on standard output stays one."""
-    return make_console(stderr=wishes.csv == STANDARD_OUTPUT, soft_wrap=True)
+def show(
+    wishes: cli.Replay,
+    found: dict[str, Any],
+    explained: Sequence[str],
+    words: Sequence[str | Table],
+) -> None:
+    """Print what was found: one JSON object, or words.
 
-
-def describe_explained(lines: list[str]) -> dict[str, str]:
-    """What `--json` says of the verdict that was to be explained."""
-    return {"explained": "\n".join(lines)} if lines else {}
+    Args:
+        wishes: What the command line says; a table on standard output stays one.
+        found: For programs.
+        explained: Of the verdict that was to be explained.
+        words: For people.
+    """
+    if wishes.json:
+        print_json(lambda: found | ({"explained": "\n".join(explained)} if explained else {}))
+        return
+    console = make_console(stderr=wishes.csv == STANDARD_OUTPUT, soft_wrap=True)
+    for one in words:
+        console.print(one)
 
 
 def lead(
@@ -293,12 +286,12 @@ def read_changes(text: str) -> dict[str, str]:
     """
     changes = {}
     for part in text.split(","):
-        name, equals, value = part.partition("=")
-        if not (equals and name.strip() and value.strip()):
+        name, equals, value = map(str.strip, part.partition("="))
+        if not (name and equals and value):
             raise ArmguardError(
                 "--what-if", f"holds {part!r}", expected="name=value, such as latency=0.01"
             )
-        changes[name.strip()] = value.strip()
+        changes[name] = value
     return changes
 
 
@@ -315,16 +308,15 @@ class StopList:
     def __init__(self) -> None:
         self.stops: list[Stop] = []
         self.ticks = self.new = 0
-        self.seconds = 0.0
+        self.seconds = self._first = 0.0
         self._is_stopped = False
-        self._first = math.nan
 
     def take(self, tick: ReplayedTick) -> None:
         """Take the next tick."""
         now, verdict = tick.now, tick.recorded
-        self.ticks += 1
-        if math.isnan(self._first):
+        if not self.ticks:
             self._first = now
+        self.ticks += 1
         self.seconds = now - self._first
         kept = tick.replayed.level is Level.STOP
         if verdict.level is not Level.STOP:
@@ -358,14 +350,12 @@ class Watch:
         self._text = text
         self._seconds, self._of_day = (math.inf, None) if text is None else read_time(text)
         self._nanoseconds = math.inf
-        self._is_first = True
 
     def take(self, tick: ReplayedTick) -> None:
         """Take the next tick."""
         if self._text is None:
             return
-        if self._is_first:
-            self._is_first = False
+        if self.since is None:
             self.first = tell_time(tick)
             if self._of_day is not None:
                 self._nanoseconds = find_next(tick.nanoseconds, self._of_day)
@@ -412,7 +402,7 @@ def find_next(nanoseconds: int, of_day: timedelta) -> int:
 def tell_time(tick: ReplayedTick) -> str:
     """When a tick was, by both clocks."""
     moment = datetime.fromtimestamp(tick.nanoseconds * 1e-9)
-    return f"{tick.now:.3f} s ({moment:%H:%M:%S}.{moment.microsecond // 1000:03d})"
+    return f"{tick.now:.3f} s ({moment.time().isoformat('milliseconds')})"
 
 
 def tell_why(verdict: Verdict) -> str:
@@ -466,43 +456,36 @@ def summarise(
     }
 
 
-def print_replay(
-    console: Console, recording: Recording, report: ReplayReport, stops: StopList, took: float
-) -> None:
-    """Tell whether the replay gave the same verdicts."""
-
-    def tell(line: str) -> None:
-        console.print(line)
-
+def describe_replay(
+    recording: Recording, report: ReplayReport, stops: StopList, took: float
+) -> list[str]:
+    """Whether the replay gave the same verdicts."""
     faster = stops.seconds / took if took > 0.0 else math.inf
-    tell(
+    words = [
         f"{recording.path}: {report.ticks} verdicts, {len(stops.stops)} stops in "
         f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast"
-    )
+    ]
     if report.is_cut_off:
-        tell("the recording has no end: what wrote it was killed; it was read as far as it goes")
+        words.append(
+            "the recording has no end: what wrote it was killed; it was read as far as it goes"
+        )
     if report.lost:
-        tell(
+        words.append(
             f"{report.lost} events were lost while it was recorded; the {report.compared} verdicts "
             "before the first gap were compared"
         )
     if report.difference is not None:
-        tell(f"not identical: {report.difference}")
-    elif report.compared:
-        tell(f"bit-identical: all {report.compared} verdicts that were compared are the same")
-    else:
-        tell("nothing could be compared")
-    if report.difference is None:
-        for line in report.differences:
-            tell(f"what differs here: {line}")
+        return [*words, f"not identical: {report.difference}"]
+    told = "nothing could be compared"
+    if report.compared:
+        told = f"bit-identical: all {report.compared} verdicts that were compared are the same"
+    return [*words, told, *(f"what differs here: {line}" for line in report.differences)]
 
 
-def print_changes(console: Console, stops: StopList, changes: dict[str, str]) -> None:
-    """Tell which stops there would not have been."""
+def describe_changes(stops: StopList, changes: dict[str, str]) -> list[str | Table]:
+    """Which stops there would not have been."""
     asked = ", ".join(f"{name} = {value}" for name, value in changes.items())
-    table = Table(title=f"stops with {asked}")
-    for column in ("from [s]", "to [s]", "because", "then"):
-        table.add_column(column)
+    table = Table("from [s]", "to [s]", "because", "then", title=f"stops with {asked}")
     for stop in stops.stops:
         if stop.kept == 0:
             then = "no stop"
@@ -511,12 +494,12 @@ def print_changes(console: Console, stops: StopList, changes: dict[str, str]) ->
         else:
             then = "a stop"
         table.add_row(f"{stop.begin:.3f}", f"{stop.end:.3f}", stop.reason, then)
-    console.print(table)
     gone = sum(stop.kept == 0 for stop in stops.stops)
-    console.print(
+    return [
+        table,
         f"{gone} of {len(stops.stops)} stops would not have been; {stops.new} ticks would be a "
         "STOP that were none. The arm moves as it was recorded, whatever the verdicts say.",
-    )
+    ]
 
 
 @contextlib.contextmanager
@@ -526,44 +509,36 @@ def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
     Raises:
         ArmguardError: The file cannot be written.
     """
-    with contextlib.ExitStack() as resources:
-        file: IO[str] = sys.stdout
-        if path != STANDARD_OUTPUT:
-            resources.enter_context(_telling_write_errors(path))
-            file = resources.enter_context(path.open("w", newline="", encoding="utf-8"))
-        writer = csv.writer(file)
-        writer.writerow(COLUMNS)
-
-        def take(tick: ReplayedTick) -> None:
-            verdict = tick.replayed
-            writer.writerow(
-                (
-                    datetime.fromtimestamp(tick.nanoseconds * 1e-9).isoformat(),
-                    repr(tick.now),
-                    verdict.sequence,
-                    verdict.level.name,
-                    verdict.contact_time,
-                    verdict.stop_time,
-                    verdict.speed_scale,
-                    verdict.link or "",
-                    verdict.obstacle or "",
-                    verdict.complete,
-                    verdict.evaluated,
-                    verdict.stop or "",
-                    "; ".join(map(str, verdict.reasons)),
-                    tick.is_identical,
-                )
-            )
-
-        yield take
-
-
-@contextlib.contextmanager
-def _telling_write_errors(path: Path) -> Iterator[None]:
+    if path == STANDARD_OUTPUT:
+        yield write_rows(sys.stdout)
+        return
     try:
-        yield
+        with path.open("w", newline="", encoding="utf-8") as file:
+            yield write_rows(file)
     except OSError as error:
         raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
+
+
+def write_rows(file: TextIO) -> Callable[[ReplayedTick], None]:
+    """Write the head of a table of all verdicts; what takes its rows."""
+    writer = csv.writer(file)
+    writer.writerow(COLUMNS)
+
+    def take(tick: ReplayedTick) -> None:
+        verdict = tick.replayed
+        writer.writerow(
+            (
+                datetime.fromtimestamp(tick.nanoseconds * 1e-9).isoformat(),
+                repr(tick.now),
+                verdict.sequence,
+                verdict.level.name,
+                *(getattr(verdict, name) for name in _AS_THEY_ARE),
+                "; ".join(map(str, verdict.reasons)),
+                tick.is_identical,
+            )
+        )
+
+    return take
 
 
 @contextlib.contextmanager
@@ -575,16 +550,14 @@ def show_page(
     The page keeps all of it, and plays it as its user likes; so it stays, after the last tick,
     until Ctrl-C, unless it is there for the sake of its export alone.
     """
-    with contextlib.ExitStack() as resources:
-        folder = resources.enter_context(tempfile.TemporaryDirectory(prefix="armguard-"))
-        publisher = resources.enter_context(
-            FramePublisher(f"ipc://{folder}/frames", is_patient=True)
-        )
-        process = resources.enter_context(
-            launch(publisher.address, wishes.port, export=wishes.export)
-        )
+    with (
+        tempfile.TemporaryDirectory(prefix="armguard-") as folder,
+        FramePublisher(f"ipc://{folder}/frames", is_patient=True) as publisher,
+        launch(publisher.address, wishes.port, export=wishes.export) as process,
+    ):
+        console = make_console(stderr=True, soft_wrap=True)
         if wishes.view:
-            make_console(stderr=True).print(f"see it in the browser: {process.url}", soft_wrap=True)
+            console.print(f"see it in the browser: {process.url}")
         if wishes.open:
             webbrowser.open(process.url)
         path, folders = urdf
@@ -598,8 +571,6 @@ def show_page(
         yield take
         publisher.publish_status(StatusMessage(text="the recording ends here", is_over=True))
         if wishes.view:
-            make_console(stderr=True).print(
-                "all is read; the page stays until Ctrl-C", soft_wrap=True
-            )
+            console.print("all is read; the page stays until Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt):
                 process.wait()

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from armguard.app import cli
@@ -41,7 +42,7 @@ from armguard.robot.description import (
 from armguard.robot.links import UrdfLinks
 from armguard.robot.robot import Robot, read_described
 
-TOLERANCE = 1e-4  # rounding and margins of radii stay below this, in [m]
+TOLERANCE = 0.1  # rounding and margins of radii stay below this, in [mm]
 UNPROVED = 1
 """Exit code where something was asked to be covered and is not."""
 
@@ -96,6 +97,21 @@ class Target:
         urdf = read_described(self.urdf, self.folders, description)
         self.robot = Robot(title, urdf, description, list(description.joints))
 
+    def load_cover(self, option: str) -> Cover:
+        """The proved cover that is kept of it.
+
+        Args:
+            option: What asks for it.
+
+        Raises:
+            CoverError: There is none, or it is damaged or of another robot.
+        """
+        if self.cover is None:
+            raise CoverError(option, "needs a robot that armguard knows", expected="its name")
+        cover = Cover.load(self.cover)
+        cover.verify(self.robot)
+        return cover
+
 
 def run(wishes: cli.Cover) -> int:
     """Do what the options of `armguard cover` ask for; the exit code.
@@ -126,12 +142,7 @@ def run(wishes: cli.Cover) -> int:
         return write(target, wishes.export)
     if file is not None:
         return exchange(target, file, inflate, out)
-    return fit(target, wishes.spheres, read_protrusion(wishes.protrusion), Path(out or "."))
-
-
-def read_protrusion(millimetres: float | None) -> float | None:
-    """How far spheres may stick out, in [m], of what the command line says."""
-    return None if millimetres is None else 1e-3 * millimetres
+    return fit(target, wishes.spheres, wishes.protrusion, Path(out or "."))
 
 
 def fit(target: Target, spheres: int | None, protrusion: float | None, folder: Path) -> int:
@@ -140,7 +151,7 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     Args:
         target: What to cover.
         spheres: At most so many leaves a link, or
-        protrusion: how far they may stick out, in [m]; neither: `DEFAULT_PROTRUSION`.
+        protrusion: how far they may stick out, in [mm]; neither: `DEFAULT_PROTRUSION`.
         folder: Where to write `cover.json`; made if it is not there.
     """
     robot = target.robot
@@ -150,7 +161,6 @@ def fit(target: Target, spheres: int | None, protrusion: float | None, folder: P
     cover = fit_cover(robot, spheres, protrusion)
     report = cover.check(robot)
     code = _finish(cover, report, folder)
-    print_json(lambda: describe(report, None if code else folder / COVER))
     if spheres is None:
         show_protruding(report, protrusion)
     return code
@@ -162,24 +172,20 @@ def fit_cover(robot: Robot | UrdfLinks, spheres: int | None, protrusion: float |
     Args:
         robot: Whose links to cover.
         spheres: At most so many leaves a link, or
-        protrusion: how far they may stick out, in [m]; neither: `DEFAULT_PROTRUSION`.
+        protrusion: how far they may stick out, in [mm]; neither: `DEFAULT_PROTRUSION`.
 
     Raises:
         CoverError: As `Cover.fit` does.
     """
+    metres = None if protrusion is None else 1e-3 * protrusion
     with following("fitting spheres to link", len(robot.links)) as begin:
-        return Cover.fit(robot, spheres=spheres, protrusion=protrusion, on_link=begin)
+        return Cover.fit(robot, spheres=spheres, protrusion=metres, on_link=begin)
 
 
 def prove(target: Target) -> int:
     """Prove a known robot's cover again, and show it; the exit code."""
-    if target.cover is None or not isinstance(target.robot, Robot):
-        raise CoverError("--check", "needs a robot that armguard knows", expected="its name")
-    cover = Cover.load(target.cover)
-    cover.verify(target.robot)
-    report = cover.check(target.robot)
-    print_json(lambda: describe(report))
-    return show_report(report)
+    cover = target.load_cover("--check")
+    return _finish(cover, cover.check(target.robot), None)
 
 
 def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> int:
@@ -210,21 +216,15 @@ def exchange(target: Target, file: Path, inflate: bool, folder: Path | None) -> 
     cover = inflate_spheres(robot, spheres)
     report = cover.check(robot)
     for link, rows in spheres.items():
-        kept = {tuple(center) for center in cover.spheres(link)[:, :3].tolist()}
+        kept = np.unique(cover.spheres(link)[:, :3], axis=0)
         if len(kept) < len(rows):
             _print(f"{link}: {len(rows) - len(kept)} of {len(rows)} spheres are not needed")
-    code = show_report(report) if folder is None else _finish(cover, report, folder)
-    wrote = None if code or folder is None else folder / COVER
-    print_json(lambda: describe(report, wrote) | found)
-    return code
+    return _finish(cover, report, folder, **found)
 
 
 def write(target: Target, file: Path) -> int:
     """Write a known robot's cover as cuRobo's YAML or as a spherized URDF; the exit code."""
-    if target.cover is None:
-        raise CoverError("--export", "needs a robot that armguard knows", expected="its name")
-    cover = Cover.load(target.cover)
-    cover.verify(target.robot)
+    cover = target.load_cover("--export")
     if file.suffix in YAML_ENDINGS:
         write_curobo(file, target.robot, cover)
     elif file.suffix == ".urdf":
@@ -257,16 +257,19 @@ def list_known() -> int:
     return 0
 
 
-def _finish(cover: Cover, report: CoverReport, folder: Path) -> int:
-    """Write what is proved, and only that."""
+def _finish(cover: Cover, report: CoverReport, folder: Path | None, **found: object) -> int:
+    """Show what a cover is like and write it if it is proved, and only then; the exit code."""
     code = show_report(report)
-    if code == 0:
+    wrote = None
+    if code == 0 and folder is not None:
         make_folder(folder)
+        wrote = folder / COVER
         try:
-            cover.save(folder / COVER)
+            cover.save(wrote)
         except OSError as error:
-            raise CoverError(str(folder / COVER), f"cannot be written: {error.strerror}") from error
-        _print(f"wrote {folder / COVER}")
+            raise CoverError(str(wrote), f"cannot be written: {error.strerror}") from error
+        _print(f"wrote {wrote}")
+    print_json(lambda: describe(report, wrote) | found)
     return code
 
 
@@ -277,13 +280,11 @@ def show_report(report: CoverReport) -> int:
 
 
 def show_protruding(report: CoverReport, limit: float | None) -> None:
-    """Name the links whose spheres stick out farther than a limit in [m]; None: the usual one."""
-    limit = limit or DEFAULT_PROTRUSION
+    """Name the links whose spheres stick out farther than a limit in [mm]; None: the usual one."""
+    limit = limit or 1e3 * DEFAULT_PROTRUSION
     for link, entry in report.links.items():
-        if not entry.max_protrusion <= limit + TOLERANCE:
-            _print(
-                f"{link}: sticks out by more than {1e3 * limit:g} mm; finer would need very many"
-            )
+        if not 1e3 * entry.max_protrusion <= limit + TOLERANCE:
+            _print(f"{link}: sticks out by more than {limit:g} mm; finer would need very many")
 
 
 def describe(report: CoverReport, wrote: Path | None = None) -> dict[str, Any]:

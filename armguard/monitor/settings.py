@@ -30,15 +30,9 @@ def take_keywords(
     """Give a constructor the keywords of a record, so that checkers of types know them.
 
     Args:
-        record: Whose keywords follow the robot and the obstacles.
+        record: Whose keywords follow the robot and the obstacles; it is there for its type alone.
     """
-
-    def take(
-        constructor: Callable[..., None],
-    ) -> Callable[Concatenate[Any, Robot, Obstacles, P], None]:
-        return constructor
-
-    return take
+    return lambda constructor: constructor
 
 
 def read_settings(settings: object, keywords: Mapping[str, Any]) -> Settings:

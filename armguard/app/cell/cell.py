@@ -7,8 +7,7 @@ and a study start from.
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -23,10 +22,8 @@ from armguard.app.cell.frames import Placement, place_bodies, read_rotation, res
 from armguard.app.cell.schema import (
     SETTINGS_TABLES,
     ArmTable,
-    CellTables,
     IgnoreTable,
     OperatingTable,
-    PatternTable,
     RobotTable,
     SourceTable,
     ToolTable,
@@ -36,7 +33,6 @@ from armguard.app.cell.schema import (
 )
 from armguard.exceptions import ArmguardError, CellError, RobotError
 from armguard.monitor.monitor import Monitor
-from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.people import BOUNDS
@@ -70,6 +66,12 @@ AUTO = "auto"
 class Cell:
     """A checked cell file; made by `Cell.load` or `Cell.from_text`.
 
+    Args:
+        text: TOML.
+        file: What to call it in errors.
+        folder: What paths in it are relative to.
+        arm: Which of several arms is watched; None: the file has one.
+
     Attributes:
         file: Name of the file, for messages.
         arm: Name of the arm that is watched, where there are several.
@@ -77,9 +79,9 @@ class Cell:
         frames: Placements in the world by name, "world" and "base" (the robot's) among them.
     """
 
-    def __init__(self, tables: CellTables, file: str, folder: Path, arm: str | None = None) -> None:
+    def __init__(self, text: str, file: str, folder: Path, arm: str | None) -> None:
         self.file = file
-        self.tables = tables
+        self.tables = tables = parse_cell(text, file, arm)
         self.arm = arm or ""
         self._folder = folder
         self._other_robots: dict[str, Robot] = {}
@@ -91,7 +93,7 @@ class Cell:
         self._check_sources()
         self._check_clients()
         self._check_settings()
-        self._patterns = self._list_bounds(tables.bounds.of)
+        self._patterns = self._list_bounds()
         self.frames = resolve_frames(tables, file)
         frames = self._own_frames
         self._statics = place_bodies(tables.statics, "statics", frames, file)
@@ -114,7 +116,7 @@ class Cell:
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
             raise CellError(str(path), f"cannot be read ({reason})") from None
-        return cls(parse_cell(text, str(path), arm), str(path), path.parent, arm)
+        return cls(text, str(path), path.parent, arm)
 
     @classmethod
     def from_text(cls, text: str, folder: str | Path = ".", arm: str | None = None) -> Cell:
@@ -123,7 +125,7 @@ class Cell:
         Raises:
             CellError: If it says something impossible.
         """
-        return cls(parse_cell(text, "cell", arm), "cell", Path(folder), arm)
+        return cls(text, "cell", Path(folder), arm)
 
     def build(self) -> tuple[Robot, Obstacles, Monitor]:
         """Robot, obstacles and the monitor that watches them.
@@ -169,7 +171,6 @@ class Cell:
         Raises:
             CellError: One of them cannot be made.
         """
-        own_error = sum(one.calibration_error for one in self.tables.robots if one.name == self.arm)
         made = []
         for other in self._other_arms:
             if other.name not in self._other_robots:
@@ -178,13 +179,16 @@ class Cell:
             # Most cells have one arm.
             from armguard.pairs.arm_obstacles import ArmObstacles
 
-            make = functools.partial(
+            one = self._attempt(
+                "robots",
                 ArmObstacles,
-                base_placement=pinocchio.SE3(base.rotation, base.translation),
-                placement_error=own_error + other.calibration_error,
+                robot,
+                other.name,
+                base_placement=base.transform,
+                placement_error=self.frames[self.arm].calibration_error + base.calibration_error,
                 operating=self._read_operating(robot, other.operating),
             )
-            made.append(self._attempt("robots", make, robot, other.name))
+            made.append(one)
         return made
 
     @property
@@ -216,25 +220,20 @@ class Cell:
 
     def _make_bare_robot(self, table: RobotTable) -> Robot:
         cover = None if table.cover is None else self._folder / table.cover
+        shared = {"joints": table.joints, "cover": cover, "level": table.level}
         if table.name is not None:
-            self._attempt("robot.name", find_robot, self._find_robot(table))
+            found = self._find_robot(table)
+            self._attempt("robot.name", find_robot, found)
             key = "robot.name" if cover is None else "robot.cover"
-            load = functools.partial(
-                Robot.load, joints=table.joints, cover=cover, level=table.level
-            )
-            return self._attempt(key, load, self._find_robot(table))
-
-        def load_urdf() -> Robot:
-            return Robot.from_urdf(
-                self._folder / str(table.urdf),
-                limits=self._folder / str(table.limits),
-                joints=table.joints,
-                package_dirs=[self._folder / folder for folder in table.package_dirs],
-                cover=cover,
-                level=table.level,
-            )
-
-        return self._attempt("robot.urdf", load_urdf)
+            return self._attempt(key, Robot.load, found, **shared)
+        return self._attempt(
+            "robot.urdf",
+            Robot.from_urdf,
+            self._folder / str(table.urdf),
+            limits=self._folder / str(table.limits),
+            package_dirs=[self._folder / folder for folder in table.package_dirs],
+            **shared,
+        )
 
     def make_obstacles(self) -> Obstacles:
         """The table of obstacles, with its sources, frames, statics and entrances."""
@@ -261,18 +260,16 @@ class Cell:
             ]
             sources += [Source(other.name) for other in self._other_arms]
         frames = {
-            name: Frame(placement.rotation, placement.translation, placement.calibration_error)
-            for name, placement in self._own_frames.items()
-            if name != "world"
+            name: place.as_frame() for name, place in self._own_frames.items() if name != "world"
         }
-        fixed = [other for other in self.make_other_arms() if not self._shares_base(other.name)]
 
         def make() -> Obstacles:
             obstacles = Obstacles(sources=sources, frames=frames, **bounds)
             for name, (points, radius) in self._statics.items():
                 obstacles.add_static(name, points, radius)
-            for other in fixed:
-                other.add_fixed(obstacles)
+            for other in self.make_other_arms():
+                if not self._shares_base(other.name):
+                    other.add_fixed(obstacles)
             return obstacles
 
         obstacles = self._attempt("bounds", make)
@@ -285,17 +282,14 @@ class Cell:
                 points,
                 radius,
                 table.detection_time,
-                None if table.speed is UNSET else table.speed,
+                table.speed,
             )
         return obstacles
 
     def _shares_base(self, other: str) -> bool:
         """Whether what is fixed of another arm is fixed of the watched one, in the same place."""
-        own, its = (
-            next(one for one in self.tables.robots if one.name == name)
-            for name in (self.arm, other)
-        )
-        return (own.robot, own.urdf, own.base) == (its.robot, its.urdf, its.base)
+        bases = {one.name: (one.robot, one.urdf, one.base) for one in self.tables.robots}
+        return bases[self.arm] == bases[other]
 
     def make_authenticator(self) -> Authenticator | None:
         """What lets in the clients of `[keys]`; None where the file has none."""
@@ -314,8 +308,9 @@ class Cell:
         """How much each source that the file names may send."""
         limits = {}
         for name, table in self.sources.items():
-            stated = {key: value for key, value in given(table).items() if key.startswith("max_")}
-            limits[name] = SourceLimits(**{key[4:]: value for key, value in stated.items()})
+            stated = given(table).items()
+            most = {key[4:]: value for key, value in stated if key.startswith("max_")}
+            limits[name] = SourceLimits(**most)
         return limits
 
     def make_own_points(self, robot: Robot) -> OwnPoints | None:
@@ -325,12 +320,8 @@ class Cell:
             return None
         from armguard.pairs.cloud_filter import CloudFilter
 
-        base = self.frames["base"]
-        own = CloudFilter(robot, pinocchio.SE3(base.rotation, base.translation), **given(table))
-        frames = {
-            name: Frame(place.rotation, place.translation, place.calibration_error)
-            for name, place in self.frames.items()
-        }
+        own = CloudFilter(robot, self.frames["base"].transform, **given(table))
+        frames = {name: place.as_frame() for name, place in self.frames.items()}
 
         def find_others(
             points: NDArray[np.float64], q: NDArray[np.float64], frame: str
@@ -357,20 +348,20 @@ class Cell:
         for number, entry in enumerate(self.tables.ignore):
             if isinstance(entry, IgnoreTable):
                 for link in self._find_links(robot, number, entry.link):
-                    ignore = functools.partial(monitor.ignore, zone=entry.zone)
-                    self._attempt(f"ignore[{number}]", ignore, link, entry.ids, entry.source)
+                    pair = link, entry.ids, entry.source
+                    self._attempt(f"ignore[{number}]", monitor.ignore, *pair, zone=entry.zone)
         return monitor
 
     def _make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
         settings = self.monitor_settings(robot)
         if self.tables.settings != AUTO:
-            return self._attempt("", lambda: Monitor(robot, obstacles, **settings))
+            return self._attempt("", Monitor, robot, obstacles, **settings)
         recording = self.tables.settings_from
         key, trial = "settings", None
         if recording is not None:
             key, trial = "settings_from", self._folder / recording
-        choose = functools.partial(Monitor.auto, keeps_cover=self.keeps_cover, **settings)
-        return self._attempt(key, choose, robot, obstacles, trial)
+        settings["keeps_cover"] = self.keeps_cover
+        return self._attempt(key, Monitor.auto, robot, obstacles, trial, **settings)
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""
@@ -380,62 +371,47 @@ class Cell:
             for key, value in given(getattr(self.tables, table)).items()
             if key in read_declarations(Settings)
         }
-        base = self.frames["base"]
         return {
             **stated,
             "ignore": self._expand_ignore(robot),
-            "base_placement": pinocchio.SE3(base.rotation, base.translation),
+            "base_placement": self.frames["base"].transform,
             "separation": self.tables.separation,
-            "operating": self._make_operating(robot),
+            "operating": self._read_operating(robot, self.tables.robot.operating),
         }
 
-    def _list_bounds(
-        self, patterns: Mapping[str, str | PatternTable]
-    ) -> list[tuple[str, float, float]]:
+    def _list_bounds(self) -> list[tuple[str, float, float]]:
         """Bounds by pattern of ids, those of parts of a body looked up."""
         listed = []
-        for pattern, entry in patterns.items():
-            if not isinstance(entry, str):
-                listed.append((pattern, entry.accel, entry.speed))
-            elif entry in BOUNDS:
-                listed.append((pattern, BOUNDS[entry].accel, BOUNDS[entry].speed))
-            else:
+        for pattern, entry in self.tables.bounds.of.items():
+            bounds = BOUNDS.get(entry) if isinstance(entry, str) else entry
+            if bounds is None:
                 expected = f"one of {', '.join(BOUNDS)}, or {{ accel = …, speed = … }}"
                 raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
+            listed.append((pattern, bounds.accel, bounds.speed))
         return listed
-
-    def _make_operating(self, robot: Robot) -> OperatingLimits | None:
-        """What the controller keeps to; None if the file does not say."""
-        return self._read_operating(robot, self.tables.robot.operating)
 
     def _read_operating(
         self, robot: Robot, table: OperatingTable | str | UnsetType
     ) -> OperatingLimits | None:
+        """What a controller keeps to; None if the file does not say."""
         if table is UNSET:
             return None
         if isinstance(table, str):
             return self._attempt("robot.operating", OperatingLimits.published, robot)
-        hardware = {"velocity": robot.velocity_limit, "acceleration": robot.acceleration_limit}
         limits = {
-            key: value if isinstance(value, list) else value * hardware[key]
+            key: value if isinstance(value, list) else value * getattr(robot, f"{key}_limit")
             for key, value in given(table).items()
         }
-
-        def make() -> OperatingLimits:
-            operating = OperatingLimits(**limits)
-            operating.resolve(robot)
-            return operating
-
-        return self._attempt("robot.operating", make)
+        operating = self._attempt("robot.operating", OperatingLimits, **limits)
+        self._attempt("robot.operating", operating.resolve, robot)
+        return operating
 
     def _check_robot(self, table: RobotTable) -> None:
         if (table.name is None) == (table.urdf is None):
-            both = table.name is not None
-            raise self._error(
-                "robot",
-                "has both name and urdf" if both else "has neither name nor urdf",
-                'name = "panda", or urdf and limits',
+            problem = (
+                "has neither name nor urdf" if table.name is None else "has both name and urdf"
             )
+            raise self._error("robot", problem, 'name = "panda", or urdf and limits')
         if table.urdf is not None and table.limits is None:
             raise self._error("robot.limits", "is missing", "a file of joint limits for the urdf")
         if table.name is not None:
@@ -447,7 +423,7 @@ class Cell:
                         f"is {value!r} beside robot.name",
                         "it only beside robot.urdf",
                     )
-        if table.joints is not None and (not table.joints or _repeats(table.joints)):
+        if table.joints is not None and not 0 < len(table.joints) == len(set(table.joints)):
             raise self._error("robot.joints", f"is {table.joints!r}", "joint names, each once")
 
     def _check_tool(self, tool: ToolTable | None) -> None:
@@ -476,9 +452,7 @@ class Cell:
                         f"is missing with sources.{name}.{vague}",
                         "the bound, since it says how far things get between two clocks",
                     )
-            if table.rate is None or table.timeout is None:
-                continue
-            if not table.timeout * table.rate > 1.0:
+            if table.rate and table.timeout and not table.timeout * table.rate > 1.0:
                 raise self._error(
                     f"sources.{name}.timeout",
                     f"is {table.timeout}",
@@ -543,10 +517,12 @@ class Cell:
             )
         return links
 
-    def _attempt(self, key: str, make: Callable[..., _T], *arguments: object) -> _T:
+    def _attempt(
+        self, key: str, make: Callable[..., _T], *arguments: object, **keywords: object
+    ) -> _T:
         """Make something, its errors becoming ones of this file."""
         try:
-            return make(*arguments)
+            return make(*arguments, **keywords)
         except CellError:
             raise
         except ArmguardError as error:
@@ -584,10 +560,6 @@ def _allow_clock_error(robot: Robot, clock_error: float) -> None:
     robot.velocity_error = robot.velocity_error + robot.acceleration_limit * clock_error
     for errors in (robot.position_error, robot.velocity_error):
         errors.flags.writeable = False
-
-
-def _repeats(names: list[str]) -> bool:
-    return len(set(names)) < len(names)
 
 
 SHAPES = ("sphere", "box", "capsule", "cylinder", "mesh")

@@ -11,6 +11,7 @@ import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.app.cell.schema import CellTables, Quaternion, StaticTable, make_error
+from armguard.obstacles.frames import Frame
 
 _UNIT_TOLERANCE = 1e-3
 
@@ -30,6 +31,15 @@ class Placement(NamedTuple):
         moved: NDArray[np.float64] = np.asarray(points, float) @ self.rotation.T + self.translation
         return moved
 
+    @property
+    def transform(self) -> pinocchio.SE3:
+        """World from frame."""
+        return pinocchio.SE3(self.rotation, self.translation)
+
+    def as_frame(self) -> Frame:
+        """The same for a table of obstacles."""
+        return Frame(*self)
+
 
 def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
     """Place "world", "base" (the robot's) and all frames of the file in the world, by name.
@@ -47,9 +57,7 @@ def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
     """
     base = tables.robot.base
     rotation = read_rotation("robot.base.quaternion", base.quaternion, file)
-    resolved = {
-        "world": Placement(np.eye(3), np.zeros(3), 0.0),
-    }
+    resolved = {"world": Placement(np.eye(3), np.zeros(3), 0.0)}
     own_base = Placement(rotation, np.array(base.xyz), 0.0)
     if not tables.robots:
         resolved["base"] = own_base

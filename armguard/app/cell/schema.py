@@ -13,7 +13,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_args
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -35,11 +35,12 @@ IgnoreEntry = Annotated[list[Name], Meta(min_length=2, max_length=3)]
 """Pattern of links, pattern of obstacle ids, and perhaps the source that reports these."""
 
 
-class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Refuses keys that it does not know."""
+@dataclass_transform(frozen_default=True)
+class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Refuses keys that it does not know; all of its kind inherit that they are frozen."""
 
 
-class IgnoreTable(_Table, frozen=True, kw_only=True):
+class IgnoreTable(_Table, kw_only=True):
     """An entry of `ignore` that holds within a zone alone: a hull of points, in the world."""
 
     link: Name
@@ -52,7 +53,7 @@ class IgnoreTable(_Table, frozen=True, kw_only=True):
     """Corners of the zone, in the world, in [m]."""
 
 
-class BaseTable(_Table, frozen=True, kw_only=True):
+class BaseTable(_Table):
     """`[robot.base]`: where the robot stands in the world."""
 
     xyz: Vector = (0.0, 0.0, 0.0)
@@ -61,7 +62,7 @@ class BaseTable(_Table, frozen=True, kw_only=True):
     """Its turn: x, y, z, w, of length 1."""
 
 
-class OperatingTable(_Table, frozen=True, kw_only=True):
+class OperatingTable(_Table):
     """`[robot.operating]`: what the controller keeps to while the arm works.
 
     One number is a fraction of the hardware's limits; a list has one limit for each joint.
@@ -75,7 +76,7 @@ class OperatingTable(_Table, frozen=True, kw_only=True):
     hard as the hardware can."""
 
 
-class _AnyArmTable(_Table, frozen=True, kw_only=True):
+class _AnyArmTable(_Table):
     """What `[robot]` and `[[robots]]` say alike."""
 
     urdf: Name | None = None
@@ -101,14 +102,14 @@ class _AnyArmTable(_Table, frozen=True, kw_only=True):
     a robot that armguard knows."""
 
 
-class RobotTable(_AnyArmTable, frozen=True, kw_only=True):
+class RobotTable(_AnyArmTable):
     """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
 
     name: Name | None = None
     """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
 
 
-class StampTable(_Table, frozen=True, kw_only=True):
+class StampTable(_Table):
     """`[joint_state]`: how the robot's states are stamped."""
 
     clock: Literal["monotonic", "unix"] = "monotonic"
@@ -119,7 +120,7 @@ class StampTable(_Table, frozen=True, kw_only=True):
     """What stamps may be off by, either way, in [s]. It widens the errors of all joints."""
 
 
-class FrameTable(_Table, frozen=True, kw_only=True):
+class FrameTable(_Table):
     """`[frames.<name>]`: where a sensor stands, and how well that is known."""
 
     parent: Name = "world"
@@ -133,7 +134,7 @@ class FrameTable(_Table, frozen=True, kw_only=True):
     given in it, and along a chain of frames."""
 
 
-class SourceTable(_Table, frozen=True, kw_only=True):
+class SourceTable(_Table):
     """`[sources.<name>]`: one that sends obstacles."""
 
     rate: Positive | None = None
@@ -166,7 +167,7 @@ class SourceTable(_Table, frozen=True, kw_only=True):
     """Points of one cloud at most."""
 
 
-class CloudsTable(_Table, frozen=True, kw_only=True):
+class CloudsTable(_Table):
     """`[clouds]`: that clouds of depth cameras are taken, and how the arm is taken out of them."""
 
     shell: NotNegative | UnsetType = UNSET
@@ -176,7 +177,7 @@ class CloudsTable(_Table, frozen=True, kw_only=True):
     """What stamps of clouds and of joint states may be apart by, in [s]."""
 
 
-class StaticTable(_Table, frozen=True, kw_only=True):
+class StaticTable(_Table, kw_only=True):
     """`[statics.<id>]`: something that never moves, a ball or the rounded hull of 8 points."""
 
     frame: Name = "world"
@@ -189,16 +190,16 @@ class StaticTable(_Table, frozen=True, kw_only=True):
     """By which the point or the hull is rounded, in [m]."""
 
 
-class EntranceTable(StaticTable, frozen=True, kw_only=True):
+class EntranceTable(StaticTable, kw_only=True):
     """`[entrances.<id>]`: where a body may come out at any moment before it has been reported."""
 
     detection_time: NotNegative
     """From leaving it until a source has reported the body, at the longest, in [s]."""
-    speed: Positive | UnsetType = UNSET
+    speed: Positive | None = None
     """Of what may come out, in [m/s]."""
 
 
-class RoundTable(_Table, frozen=True, kw_only=True):
+class RoundTable(_Table):
     """A capsule or cylinder along z: of a capsule, `length` is that between its balls' centres."""
 
     radius: Positive
@@ -207,7 +208,7 @@ class RoundTable(_Table, frozen=True, kw_only=True):
     """Along z, in [m]; of a capsule, between the centres of its balls."""
 
 
-class ToolTable(_Table, frozen=True, kw_only=True):
+class ToolTable(_Table):
     """`[tool]`: a body fixed to a link, placed in the frame of the link's joint; one geometry."""
 
     name: Name
@@ -232,7 +233,7 @@ class ToolTable(_Table, frozen=True, kw_only=True):
     """By which the lengths of the mesh are multiplied: 0.001 for millimetres."""
 
 
-class ArmTable(_AnyArmTable, frozen=True, kw_only=True):
+class ArmTable(_AnyArmTable, kw_only=True):
     """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
 
     name: Name
@@ -254,7 +255,7 @@ class ArmTable(_AnyArmTable, frozen=True, kw_only=True):
         return RobotTable(name=self.robot, **shared)
 
 
-class PatternTable(_Table, frozen=True, kw_only=True):
+class PatternTable(_Table):
     """What the ids of one pattern can do, in `[bounds.of]`."""
 
     accel: Bound
@@ -263,7 +264,7 @@ class PatternTable(_Table, frozen=True, kw_only=True):
     """Bound on the speed, in [m/s]; may be inf."""
 
 
-class BoundsTable(_Table, frozen=True, kw_only=True):
+class BoundsTable(_Table):
     """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact.
 
     `[bounds.of]` says by pattern of ids what those can do, as bounds or as a part of a body; the
@@ -277,20 +278,20 @@ class BoundsTable(_Table, frozen=True, kw_only=True):
     """Bound on its speed, in [m/s]: at most 100, or inf."""
     extent: Positive | UnsetType = UNSET
     """How far from the origin of the world coordinates may be, in [m]."""
-    of: dict[Name, Name | PatternTable] = {}
+    of: dict[Name, str | PatternTable] = {}
     """By pattern of ids, the first that fits: a part of a body, such as `"hand"`, or a table of
     `accel` and `speed`."""
 
 
-class MonitorTable(_Table, frozen=True, kw_only=True):
+class MonitorTable(_Table):
     """`[monitor]`: how often and how pairs are evaluated."""
 
 
-class ThresholdsTable(_Table, frozen=True, kw_only=True):
+class ThresholdsTable(_Table):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
 
 
-class ClientTable(_Table, frozen=True, kw_only=True):
+class ClientTable(_Table):
     """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
 
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
@@ -302,7 +303,7 @@ class ClientTable(_Table, frozen=True, kw_only=True):
     """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
 
 
-class KeysTable(_Table, frozen=True, kw_only=True):
+class KeysTable(_Table):
     """`[keys]`: the monitor's secret file, and all that may connect; nothing else may."""
 
     secret: Name
@@ -311,7 +312,7 @@ class KeysTable(_Table, frozen=True, kw_only=True):
     """Who may connect, by name."""
 
 
-class CellTables(_Table, frozen=True, kw_only=True):
+class CellTables(_Table, kw_only=True):
     """A whole cell file.
 
     With `robots`, `robot` and `tool` are those of the arm that is watched, and its own `ignore` is
@@ -391,15 +392,15 @@ _REMOVED = {
 }
 """By table, keys of earlier versions, and what replaces them."""
 
-_MAY_BE_INFINITE = ("bounds.accel", "bounds.speed")
-
 _NAMED: dict[str, type[_Table]] = {
     "frames": FrameTable,
     "sources": SourceTable,
     "statics": StaticTable,
     "entrances": EntranceTable,
     "keys.clients": ClientTable,
+    "bounds.of": PatternTable,
 }
+"""Tables of entries with free names, each of which has one form; patterns have a word besides."""
 
 _T = TypeVar("_T")
 
@@ -431,8 +432,14 @@ def parse_cell(text: str, file: str, arm: str | None = None) -> CellTables:
         for step in table.split("."):
             entries = entries.get(step) if isinstance(entries, dict) else None
         for name, entry in entries.items() if isinstance(entries, dict) else ():
-            _convert(entry, kind, f"{table}.{name}", file)
-    _check_patterns(raw.get("bounds"), file)
+            path = f"{table}.{name}"
+            if not name:
+                raise make_error(file, table, "has an empty name", "a name for each entry")
+            if kind is not PatternTable or isinstance(entry, dict):
+                _convert(entry, kind, path, file)
+            elif not isinstance(entry, str):
+                expected = 'a part of a body, such as "hand", or { accel = …, speed = … }'
+                raise make_error(file, path, f"is {entry!r}", expected)
     tables = _convert(raw, complete_tables(), "", file)
     if "robots" in raw:
         return _choose_arm(tables, raw, arm, file)
@@ -471,23 +478,9 @@ def _choose_arm(
     return msgspec.structs.replace(tables, robot=chosen.as_robot(), tool=chosen.tool, ignore=ignore)
 
 
-def _check_patterns(bounds: object, file: str) -> None:
-    """Convert the entries of `[bounds.of]` one by one, for the sake of their errors."""
-    patterns = bounds.get("of") if isinstance(bounds, dict) else None
-    for pattern, entry in patterns.items() if isinstance(patterns, dict) else ():
-        path = f"bounds.of.{pattern}"
-        if not pattern:
-            raise make_error(file, "bounds.of", "has an empty pattern", "a pattern of ids")
-        if isinstance(entry, dict):
-            _convert(entry, PatternTable, path, file)
-        elif not isinstance(entry, str) or not entry:
-            expected = 'a part of a body, such as "hand", or { accel = …, speed = … }'
-            raise make_error(file, path, f"is {entry!r}", expected)
-
-
 def given(table: msgspec.Struct) -> dict[str, Any]:
     """The keys of a table that are in the file, with their values."""
-    pairs = ((name, getattr(table, name)) for name in table.__struct_fields__)
+    pairs = msgspec.structs.asdict(table).items()
     return {name: value for name, value in pairs if value is not UNSET}
 
 
@@ -499,7 +492,7 @@ def _check_finite(value: object, path: str, file: str) -> None:
         for number, entry in enumerate(value):
             _check_finite(entry, f"{path}[{number}]", file)
     elif isinstance(value, float) and not math.isfinite(value):
-        may_be = path in _MAY_BE_INFINITE or path.startswith("bounds.of.")
+        may_be = path.startswith(("bounds.accel", "bounds.speed", "bounds.of."))
         if not (may_be and value == math.inf):
             raise make_error(file, path, f"is {value}", "a finite number")
 

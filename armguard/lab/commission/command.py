@@ -40,9 +40,9 @@ def run_commission(file: Path, out: Path | None) -> int:
         make_folder(out)
         lines = {CELL_FILE: cell_lines.encode(), ROBOT_FILE: robot_lines.encode()}
         written = write_files(out, lines)
-    console = make_console()
     for table in _draw_tables(found):
-        console.print(table)
+        make_console().print(table)
+    console = make_console(soft_wrap=True)
     stops = len({stop.told for stop in found.stops})
     if not math.isnan(found.response):
         console.print(
@@ -50,17 +50,16 @@ def run_commission(file: Path, out: Path | None) -> int:
             f"{stops} stops. Each figure is the worst that was measured, three standard deviations "
             f"of its measurement included. That the next stop is worse has a chance of 1 in "
             f"{stops + 1}, if nothing else changes: make more stops, from full speed and with the "
-            "full load, for more.",
-            soft_wrap=True,
+            "full load, for more."
         )
     for line in found.missing:
-        console.print(f"not found: {line}", soft_wrap=True)
+        console.print(f"not found: {line}")
     for title, text in (("cell file", cell_lines), ("robot.toml", robot_lines)):
         if out is None:
-            console.print(f"\nfor the {title}:\n", soft_wrap=True)
-            console.print(text, soft_wrap=True)
+            console.print(f"\nfor the {title}:\n")
+            console.print(text)
     for path in written:
-        console.print(f"written: {path}", soft_wrap=True)
+        console.print(f"written: {path}")
     print_json(lambda: describe(found, cell_lines, robot_lines, written))
     return 0
 
@@ -93,12 +92,11 @@ def _draw_tables(found: Findings) -> list[Table]:
     for name in found.seen.robot.joints:
         count = str(sum(stop.joint == name for stop in found.stops))
         entry = found.brakes[name][-1] if name in found.brakes else None
-        limits, errors = found.limits.get(name), found.errors.get(name)
         braking = (entry.speed, 1e3 * entry.stopping_time, entry.stopping_distance,
                    entry.deceleration or math.nan) if entry else _UNKNOWN  # fmt: skip
         stops.append([name, count, *map(_show, braking)])
-        moving = (limits or _UNKNOWN)[:2] + (errors or _UNKNOWN)[:2]
-        kept.append([name, *map(_show, moving)])
+        limits, errors = found.limits.get(name, _UNKNOWN), found.errors.get(name, _UNKNOWN)
+        kept.append([name, *map(_show, limits[:2] + errors[:2])])
     sources = [
         (
             name,

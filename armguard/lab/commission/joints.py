@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from armguard.jit.arrays import FloatArray
 from armguard.lab.commission.noise import (
@@ -65,19 +66,18 @@ class StateErrors(NamedTuple):
 
 def measure_limits(seen: Observations, joint: int) -> KeptLimits | None:
     """What a joint kept to; None if it hardly moved."""
-    stamps, v = seen.stamps, seen.v[:, joint]
-    fastest = float(np.abs(v).max())
-    if not fastest >= LEAST_USED * float(seen.robot.velocity_limit[joint]):
+    if not seen.find_moving(joint, LEAST_USED).any():
         return None
+    stamps, v, period = seen.stamps, seen.v[:, joint], seen.period
+    fastest = float(np.abs(v).max())
     noise = estimate_noise(v)
-    period = float(np.median(np.diff(stamps)))
     acceleration, window = np.nan, np.nan
     width = 2
     while width <= max(2, round(_LONGEST / period)) and width <= len(v):
         slopes = fit_slopes(stamps, v, width)
         # Slowing down is not limited by these limits, and an interruption is no slope.
         whole = (stamps[width - 1 :] - stamps[: len(slopes)]) <= 1.5 * (width - 1) * period
-        speeding = whole & (slopes * _average(v, width) > 0.0)
+        speeding = whole & (slopes * sliding_window_view(v, width).mean(axis=1) > 0.0)
         if not speeding.any():
             break
         spread = noise * np.sqrt(12.0 / (width * (width * width - 1.0))) / period
@@ -106,9 +106,8 @@ def _find_lasting(steepness: FloatArray, width: int) -> float:
 
 def measure_errors(seen: Observations, joint: int) -> StateErrors | None:
     """What a joint's states are off by; None if there are too few in a row."""
-    stamps, q, v = seen.stamps, seen.q[:, joint], seen.v[:, joint]
-    period = float(np.median(np.diff(stamps)))
-    moving = np.abs(v) >= LEAST_USED * float(seen.robot.velocity_limit[joint])
+    stamps, q, v, period = seen.stamps, seen.q[:, joint], seen.v[:, joint], seen.period
+    moving = seen.find_moving(joint, LEAST_USED)
     # What an encoder's steps do shows only while it moves.
     position_noise, velocity_noise = estimate_noise(q, moving), estimate_noise(v)
     half = _HALVES[0]
@@ -136,11 +135,6 @@ def measure_errors(seen: Observations, joint: int) -> StateErrors | None:
     return StateErrors(float(off_position) * (1.0 + BETWEEN), float(off_velocity) * (1.0 + BETWEEN))
 
 
-def _average(values: FloatArray, width: int) -> FloatArray:
-    """Mean of each `width` values in a row. Shape (n − width + 1,)."""
-    return np.lib.stride_tricks.sliding_window_view(values, width).mean(axis=1)
-
-
 class TrackingErrors(NamedTuple):
     """How far joints were off their plans, at most."""
 
@@ -153,7 +147,7 @@ class TrackingErrors(NamedTuple):
 def measure_tracking(seen: Observations) -> TrackingErrors | None:
     """How far joints were off the plans that they were allowed to do; None if there were none."""
     count = len(seen.robot.joints)
-    position, velocity = np.zeros(count), np.zeros(count)
+    position, velocity = np.zeros((2, count))
     states = 0
     for plan, ended in seen.plans:
         inside = (seen.stamps >= plan.stamp) & (seen.stamps <= ended)

@@ -36,8 +36,7 @@ def write_cell_lines(found: Findings) -> str:
         lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
     if found.limits:
         robot = seen.robot
-        velocity = [float(limit) for limit in robot.velocity_limit]
-        acceleration = [float(limit) for limit in robot.acceleration_limit]
+        velocity, acceleration = robot.velocity_limit.tolist(), robot.acceleration_limit.tolist()
         windows, unknown = [], list(robot.joints)
         for joint, name in enumerate(robot.joints):
             if (kept := found.limits.get(name)) is None:
@@ -79,21 +78,18 @@ def write_robot_lines(found: Findings) -> str:
     robot = found.seen.robot
     lines = ["[sources]"]
     lines += [f'{limit} = "{UNCHANGED}"' for limit in ("position", "velocity", "acceleration")]
+    lower, upper = robot.lower_position_limit.tolist(), robot.upper_position_limit.tolist()
+    velocity, acceleration = robot.velocity_limit.tolist(), robot.acceleration_limit.tolist()
     for joint, name in enumerate(robot.joints):
-        lower = float(robot.lower_position_limit[joint])
-        upper = float(robot.upper_position_limit[joint])
         lines += ["", f"[joints.{quote_key(name)}]"]
-        if math.isfinite(lower) and math.isfinite(upper):
-            lines.append(f"position = [{lower}, {upper}]")
-        lines.append(f"velocity = {float(robot.velocity_limit[joint])}")
-        lines.append(f"acceleration = {float(robot.acceleration_limit[joint])}")
+        if math.isfinite(lower[joint]) and math.isfinite(upper[joint]):
+            lines.append(f"position = [{lower[joint]}, {upper[joint]}]")
+        lines += [f"velocity = {velocity[joint]}", f"acceleration = {acceleration[joint]}"]
         errors = found.errors.get(name)
-        for title, stated, measured in (
-            ("position_error", robot.position_error, errors and errors.position),
-            ("velocity_error", robot.velocity_error, errors and errors.velocity),
-        ):
+        for title in ("position_error", "velocity_error"):
             # What is constant cannot be seen, so nothing is stated to be better than it was.
-            known = float(stated[joint])
+            known = float(getattr(robot, title)[joint])
+            measured = errors and getattr(errors, title.removesuffix("_error"))
             if measured is None or measured <= known:
                 how = "not found" if measured is None else f"{measured:.2g} was found"
                 lines.append(f"{title} = {known} # as in the recording; {how}")
@@ -101,8 +97,7 @@ def write_robot_lines(found: Findings) -> str:
                 lines.append(f"{title} = {round_up(measured)} # found; it was {known:g}")
     for joint, name in enumerate(robot.joints):
         if name in found.brakes:
-            most = float(robot.acceleration_limit[joint])
-            entries = [_round_entry(entry, most) for entry in found.brakes[name]]
+            entries = [_round_entry(entry, acceleration[joint]) for entry in found.brakes[name]]
         else:
             entries = [one._replace(source=UNCHANGED) for one in robot.brakes.entries[name]]
         for entry in entries:
@@ -118,9 +113,8 @@ def write_robot_lines(found: Findings) -> str:
 
 def _round_entry(entry: BrakeEntry, acceleration: float) -> BrakeEntry:
     """Rounded to the safe side, and no harder a stop than the joint's acceleration limit allows."""
-    speed = round_down(entry.speed)
     return entry._replace(
-        speed=speed,
+        speed=round_down(entry.speed),
         stopping_time=round_up(max(entry.stopping_time, entry.speed / acceleration)),
         stopping_distance=round_up(
             max(entry.stopping_distance, 0.5 * entry.speed * entry.speed / acceleration)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from armguard.jit.arrays import BoolArray, FloatArray
 
@@ -51,8 +52,7 @@ def fit_windows(
         are off by. Shape (n − 2 half,) each.
     """
     width = 2 * half + 1
-    times = np.lib.stride_tricks.sliding_window_view(stamps, width)
-    windows = np.lib.stride_tricks.sliding_window_view(values, width)
+    times, windows = sliding_window_view(stamps, width), sliding_window_view(values, width)
     time = times - times[:, half : half + 1]
     # In units of the window's length, for the sake of the conditions of the equations.
     scale = time[:, -1:] - time[:, :1]
@@ -71,7 +71,6 @@ def fit_windows(
 
 def fit_slopes(stamps: FloatArray, values: FloatArray, width: int) -> FloatArray:
     """Slope of the straight line through each `width` samples in a row. Shape (n − width + 1,)."""
-    times = np.lib.stride_tricks.sliding_window_view(stamps, width)
-    windows = np.lib.stride_tricks.sliding_window_view(values, width)
+    times, windows = sliding_window_view(stamps, width), sliding_window_view(values, width)
     time = times - times.mean(axis=1, keepdims=True)
     return (time * windows).sum(axis=1) / (time * time).sum(axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from armguard.bounds.planned.plan import Plan
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import FloatArray
+from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.messages.answers import PlanVerdictMessage, VerdictMessage, read_verdict
 from armguard.messages.batch import read_batch
 from armguard.messages.incoming import ObstaclesMessage, PlanMessage
@@ -73,6 +73,15 @@ class Observations(NamedTuple):
     has_gaps: bool = False
     """Whether events are missing."""
 
+    @property
+    def period(self) -> float:
+        """Usual time between two joint states, in [s]."""
+        return float(np.median(np.diff(self.stamps)))
+
+    def find_moving(self, joint: int, share: float) -> BoolArray:
+        """States in which a joint has this share of its velocity limit or more. Shape (n,)."""
+        return np.abs(self.v[:, joint]) >= share * self.robot.velocity_limit[joint]
+
 
 def observe(recording: Recording) -> Observations:
     """Read a recording for commissioning.
@@ -86,6 +95,7 @@ def observe(recording: Recording) -> Observations:
     count = len(robot.joints)
     rows: list[list[float]] = []
     verdicts: list[tuple[float, bool]] = []
+    last = -np.inf
     asked: Plan | None = None
     plans: list[tuple[float, Plan]] = []
     messages: dict[str, list[tuple[float, float]]] = defaultdict(list)
@@ -98,17 +108,20 @@ def observe(recording: Recording) -> Observations:
                 for source, stamp in waiting:
                     messages[source].append((stamp, event.now))
                 waiting.clear()
-            row = _read_state(event)
-            if len(row) == 1 + 2 * count and np.isfinite(row).all():
-                rows.append(row)
+            if isinstance(event, JointState):
+                _, q, v, _ = restore_state(event)
+                row = [event.stamp, *q, *v]
+                if len(row) == 1 + 2 * count and np.isfinite(row).all():
+                    rows.append(row)
         elif isinstance(event, VerdictMessage):
-            verdicts.append((read_verdict(event).stamp, event.level == "STOP"))
+            last = read_verdict(event).stamp
+            verdicts.append((last, event.level == "STOP"))
         elif isinstance(event, PlanMessage | MalformedPlan):
             restored = restore_plan(event)
             asked = restored if isinstance(restored, Plan) else None
         elif isinstance(event, PlanVerdictMessage):
             if event.safe and asked is not None:
-                plans.append((verdicts[-1][0] if verdicts else -np.inf, asked))
+                plans.append((last, asked))
             asked = None
         elif isinstance(event, ObstaclesMessage):
             # It arrived for the tick that comes next.
@@ -129,7 +142,7 @@ def observe(recording: Recording) -> Observations:
             expected="a recording of an arm at work, with a few stops in it",
         )
     stops = _find_stops(verdicts)
-    end = max(float(states[-1, 0]), verdicts[-1][0] if verdicts else -np.inf)
+    end = max(float(states[-1, 0]), last)
     settings = recording.settings["monitor"]
     stated = recording.settings["obstacles"]["sources"] or ()
     timeouts = {one["name"]: one["timeout"] for one in stated}
@@ -158,27 +171,12 @@ def observe(recording: Recording) -> Observations:
     )
 
 
-def _read_state(event: JointState | MalformedState) -> list[float]:
-    """Stamp, q and v of a joint state; nothing of what was none."""
-    if isinstance(event, MalformedState):
-        return []
-    _, q, v, _ = restore_state(event)
-    return [event.stamp, *q, *v]
-
-
 def _find_stops(verdicts: list[tuple[float, bool]]) -> list[StopCommand]:
     """The STOPs that followed another level; the first verdicts of a run follow none."""
-    stops = []
-    told = None
-    for (_, before), (time, is_stop) in itertools.pairwise(verdicts):
-        if is_stop and not before:
-            told = time
-        elif before and not is_stop and told is not None:
-            stops.append(StopCommand(told, time))
-            told = None
-    if told is not None:
-        stops.append(StopCommand(told, verdicts[-1][0]))
-    return stops
+    runs = itertools.groupby(verdicts, key=lambda verdict: verdict[1])
+    begins = [(next(run)[0], is_stop) for is_stop, run in runs]
+    later = itertools.pairwise([*begins[1:], *verdicts[-1:]])
+    return [StopCommand(told, ended) for (told, is_stop), (ended, _) in later if is_stop]
 
 
 def _find_plan_ends(

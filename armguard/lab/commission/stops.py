@@ -152,8 +152,7 @@ def measure_stop(
     position = np.sign(start) * q
     bite = np.interp(fit.earliest, stamps, position)
     # What an encoder's steps do shows only while it moves.
-    is_fast = np.abs(seen.v[:, joint]) >= SLOWEST * float(seen.robot.velocity_limit[joint])
-    position_noise = estimate_noise(seen.q[:, joint], is_fast)
+    position_noise = estimate_noise(seen.q[:, joint], seen.find_moving(joint, SLOWEST))
     # Below this a sample does not tell whether the joint moves.
     least = max(4.0 * noise, 0.01 * abs(start))
     if not 2.0 * least < np.minimum(speed[1:], speed[:-1]).max():
@@ -264,7 +263,7 @@ def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | s
     # Nor is it known what happens between two states.
     step = float(np.max(np.diff(places), initial=step)) + 0.5 * float(np.median(gaps))
     time = stamps - places[best]
-    basis = np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], 1)
+    basis = _make_basis(time)
     spread = np.sqrt(variance * np.diag(np.linalg.inv(basis.T @ basis)))
     slowing = (speed - basis @ lines[best])[time >= 0.0]
     return _Break(
@@ -277,6 +276,11 @@ def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | s
     )
 
 
+def _make_basis(time: FloatArray) -> FloatArray:
+    """Level and slopes of which two lines that meet at time 0 are made. Shape (..., n, 3)."""
+    return np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], axis=-1)
+
+
 def _fit_lines(
     stamps: FloatArray, speed: FloatArray, places: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -287,7 +291,7 @@ def _fit_lines(
         where they meet and the slopes before and after, shape (places, 3).
     """
     time = stamps - places[:, None]
-    basis = np.stack([np.ones_like(time), np.minimum(time, 0.0), np.maximum(time, 0.0)], axis=-1)
+    basis = _make_basis(time)
     lines = (np.linalg.pinv(basis) @ speed[:, None])[..., 0]
     left = speed - (basis @ lines[..., None])[..., 0]
     return np.sum(left * left, axis=1), lines

@@ -8,7 +8,7 @@ import tempfile
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from armguard.app import cli
 from armguard.app.terminal import make_console, print_json
@@ -19,7 +19,6 @@ from armguard.jit.progress import following
 from armguard.lab.covers import (
     UNPROVED,
     fit_cover,
-    read_protrusion,
     show_protruding,
     show_report,
 )
@@ -41,6 +40,7 @@ from armguard.lab.new_robot.questions import (
     Figure,
     Question,
     match,
+    match_all,
     put_general_first,
     read_amount,
     read_signed,
@@ -59,6 +59,9 @@ from armguard.robot.robot import Robot, read_described
 from armguard.robot.ros_parameters import PlanningLimits, read_planning_limits
 from armguard.robot.urdf import UrdfModel
 
+NO_PLANNING = PlanningLimits((), {}, {}, ())
+"""Where there is no file of MoveIt's."""
+
 DRAWN = "drawn"
 """Answer that takes what a link is drawn with for its collision geometry."""
 
@@ -71,27 +74,29 @@ def run_new(wishes: cli.NewRobot) -> int:
     """
     is_terminal = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
     asker = Asker(ask_on_terminal if is_terminal else None, takes_usual=wishes.yes)
-    planning = None if wishes.joint_limits is None else read_planning_limits(wishes.joint_limits)
+    planning = NO_PLANNING
+    if wishes.joint_limits is not None:
+        planning = read_planning_limits(wishes.joint_limits)
     new, report = make_folder(wishes, planning, asker)
     if show_report(report) != 0:
         print_json(lambda: describe_cover(report))
         return UNPROVED
     if wishes.spheres is None:
-        show_protruding(report, read_protrusion(wishes.protrusion))
-    _print(f"wrote {wishes.out / DESCRIPTION} and {wishes.out / COVER}")
-    for line in list_choices(new):
+        show_protruding(report, wishes.protrusion)
+    wrote, choices = [wishes.out / DESCRIPTION, wishes.out / COVER], list_choices(new)
+    _print(f"wrote {wrote[0]} and {wrote[1]}")
+    for line in choices:
         _print(f"- {line}")
-    if planning is not None and planning.unused:
+    if planning.unused:
         _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
     Robot.load(wishes.out.absolute())
-    unused = () if planning is None else planning.unused
     print_json(
         lambda: {
-            "wrote": [wishes.out / DESCRIPTION, wishes.out / COVER],
+            "wrote": wrote,
             "cover": describe_cover(report),
-            "choices": list_choices(new),
-            "unused": unused,
+            "choices": choices,
+            "unused": planning.unused,
         }
     )
     _print(
@@ -100,42 +105,6 @@ def run_new(wishes: cli.NewRobot) -> int:
         "your controller keeps to the operating limits: without it none are in force"
     )
     return 0
-
-
-class Prepared(NamedTuple):
-    """What is known of a robot before it has a cover."""
-
-    description: NewRobot
-    text: str
-    """Of robot.toml."""
-    robot: Robot
-    """Without a cover."""
-    urdf: str | None
-    """Text of a URDF that is to be written beside robot.toml."""
-
-
-def prepare(wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker) -> Prepared:
-    """Describe a robot, and read it by its description; nothing is written.
-
-    Args:
-        wishes: What the command line says.
-        planning: What MoveIt's limits say.
-        asker: Answers what is missing.
-
-    Raises:
-        ArmguardError: Something is missing, unusable or contradictory.
-    """
-    check_new_folder(wishes.out)
-    _check_title(wishes)
-    with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
-        source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
-        new = describe(wishes, source, planning, asker)
-        text = write_text(new)
-        description = read_description(tomllib.loads(text))
-        urdf = read_described(source.path, source.folders, description)
-    name = wishes.out.resolve().name
-    robot = Robot(name, urdf, description, list(description.joints))
-    return Prepared(new, text, robot, source.text)
 
 
 def _check_title(wishes: cli.NewRobot) -> None:
@@ -151,8 +120,38 @@ def _check_title(wishes: cli.NewRobot) -> None:
         )
 
 
+def prepare(
+    wishes: cli.NewRobot, planning: PlanningLimits, asker: Asker
+) -> tuple[NewRobot, str, Robot, str | None]:
+    """Describe a robot, and read it by its description; nothing is written.
+
+    Args:
+        wishes: What the command line says.
+        planning: What MoveIt's limits say.
+        asker: Answers what is missing.
+
+    Returns:
+        The description, its text, the robot without a cover, and the text of a URDF that is to be
+        written beside robot.toml, if there is one.
+
+    Raises:
+        ArmguardError: Something is missing, unusable or contradictory.
+    """
+    check_new_folder(wishes.out)
+    _check_title(wishes)
+    with tempfile.TemporaryDirectory(prefix="armguard-") as scratch:
+        source = find_urdf(wishes.urdf, wishes.out, wishes.package_dirs, Path(scratch))
+        new = describe(wishes, source, planning, asker)
+        text = write_text(new)
+        # Read as every command reads it.
+        description = read_description(tomllib.loads(text))
+        urdf = read_described(source.path, source.folders, description)
+    robot = Robot(wishes.out.resolve().name, urdf, description, list(description.joints))
+    return new, text, robot, source.text
+
+
 def make_folder(
-    wishes: cli.NewRobot, planning: PlanningLimits | None, asker: Asker
+    wishes: cli.NewRobot, planning: PlanningLimits, asker: Asker
 ) -> tuple[NewRobot, CoverReport]:
     """Describe a robot, fit and prove its cover, and write both; what it is like.
 
@@ -160,12 +159,12 @@ def make_folder(
 
     Arguments and errors are those of `prepare`, and a folder that cannot be written.
     """
-    prepared = prepare(wishes, planning, asker)
-    cover = fit_cover(prepared.robot, wishes.spheres, read_protrusion(wishes.protrusion))
-    report = cover.check(prepared.robot)
+    new, text, robot, urdf = prepare(wishes, planning, asker)
+    cover = fit_cover(robot, wishes.spheres, wishes.protrusion)
+    report = cover.check(robot)
     if report.proved:
-        write_folder(wishes.out, prepared.text, cover, prepared.urdf)
-    return prepared.description, report
+        write_folder(wishes.out, text, cover, urdf)
+    return new, report
 
 
 def check_new_folder(folder: Path) -> None:
@@ -202,7 +201,7 @@ def ask_on_terminal(text: str) -> str:
 
 
 def describe(
-    wishes: cli.NewRobot, source: UrdfSource, planning: PlanningLimits | None, asker: Asker
+    wishes: cli.NewRobot, source: UrdfSource, planning: PlanningLimits, asker: Asker
 ) -> NewRobot:
     """All that robot.toml is to say, from options, the model file, MoveIt's limits and answers.
 
@@ -214,8 +213,7 @@ def describe(
     drawn, bare = settle_bare_links(wishes, urdf, watched, asker)
     facts = JointFacts(urdf, watched, locked, source.origin)
     joints = facts.joints
-    if planning is not None:
-        _check_planning(wishes.joint_limits, planning, urdf)
+    _check_planning(wishes.joint_limits, planning, urdf)
     facts.refuse_ranges(wishes.position)
 
     def ask(
@@ -264,8 +262,7 @@ def describe(
         "acceleration": facts.choose_work_accelerations(acceleration),
     }
     for kind, usual in chosen.items():
-        planned = {} if planning is None else getattr(planning, kind)
-        known = _take(planned, joints, wishes.joint_limits, figures[kind])
+        known = _take(getattr(planning, kind), joints, wishes.joint_limits, figures[kind])
         figures[f"operating_{kind}"] = ask(f"operating_{kind}", known, usual)
     return NewRobot(
         title=wishes.title or wishes.out.resolve().name,
@@ -298,16 +295,12 @@ def settle_joints(
         position = read_signed(f"--lock {item}", text)
         for joint in match(f"--lock {item}", pattern, names):
             locked[joint] = LockedJoint(position=position)
-    for pattern in wishes.travel:
-        for joint in match(f"--travel {pattern}", pattern, names):
-            locked[joint] = _travel(urdf, joint)
+    for joint in match_all("--travel", wishes.travel, names):
+        locked[joint] = _travel(urdf, joint)
     coupled = set(urdf.mimics) | {mimic.leader for mimic in urdf.mimics.values()}
     if wishes.joints:
-        watched = [
-            joint
-            for joint in names
-            if any(joint in match(f"--joints {one}", one, names) for one in wishes.joints)
-        ]
+        chosen = match_all("--joints", wishes.joints, names)
+        watched = [joint for joint in names if joint in chosen]
     else:
         watched = [joint for joint in names if joint not in coupled and joint not in locked]
     for joint in watched:
@@ -377,9 +370,7 @@ def settle_bare_links(
     """
     drawn = list(wishes.collision_from_visual)
     lacking = find_bare(urdf, watched)
-    bare: list[str] = []
-    for pattern in wishes.bare_links:
-        bare += match(f"--bare-links {pattern}", pattern, lacking)
+    bare = match_all("--bare-links", wishes.bare_links, lacking)
     left = [link for link in lacking if link not in bare]
     if left:
         answer = asker.choose(
@@ -390,8 +381,7 @@ def settle_bare_links(
             None,
         )
         if answer != DRAWN:
-            for pattern in answer.split():
-                bare += match(f"--bare-links {pattern}", pattern, left)
+            bare += match_all("--bare-links", answer.split(), left)
         drawn += [link for link in left if link not in bare]
     return drawn, bare
 

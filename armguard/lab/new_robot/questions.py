@@ -11,6 +11,7 @@ import math
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from armguard.exceptions import RobotError
@@ -191,6 +192,15 @@ def put_general_first(given: Sequence[str]) -> list[str]:
     return sorted(given, key=lambda item: "=" in item)
 
 
+def match_all(option: str, patterns: Sequence[str], names: Collection[str]) -> list[str]:
+    """The names that any of the patterns fits.
+
+    Raises:
+        RobotError: There is none for one of them.
+    """
+    return [name for one in patterns for name in match(f"{option} {one}", one, names)]
+
+
 def match(option: str, pattern: str, names: Collection[str]) -> list[str]:
     """The names that a pattern fits.
 
@@ -205,31 +215,21 @@ def match(option: str, pattern: str, names: Collection[str]) -> list[str]:
     return members
 
 
-def read_number(option: str, text: str) -> float:
-    """A finite number above 0.
+def _read_finite(option: str, text: str, *, least: float, expected: str) -> float:
+    """A finite number from the least on.
 
     Raises:
         RobotError: It is none.
     """
-    return _read_above(option, text, math.ulp(0.0), "a finite number above 0")
+    value = _read(text)
+    if not least <= value < math.inf:
+        raise RobotError(option, f"is {text!r}", expected=expected)
+    return value
 
 
-def read_amount(option: str, text: str) -> float:
-    """A finite number, at least 0.
-
-    Raises:
-        RobotError: It is none.
-    """
-    return _read_above(option, text, 0.0, "a finite number, at least 0")
-
-
-def read_signed(option: str, text: str) -> float:
-    """A finite number of either sign.
-
-    Raises:
-        RobotError: It is none.
-    """
-    return _read_above(option, text, -sys.float_info.max, "a finite number")
+read_number = partial(_read_finite, least=math.ulp(0.0), expected="a finite number above 0")
+read_amount = partial(_read_finite, least=0.0, expected="a finite number, at least 0")
+read_signed = partial(_read_finite, least=-sys.float_info.max, expected="a finite number")
 
 
 def read_range(option: str, text: str) -> Range:
@@ -242,13 +242,6 @@ def read_range(option: str, text: str) -> Range:
     value = _read(lower), _read(upper)
     if not -math.inf < value[0] < value[1] < math.inf:
         raise RobotError(option, f"is {text!r}", expected="LOWER:UPPER, finite, lower < upper")
-    return value
-
-
-def _read_above(option: str, text: str, least: float, expected: str) -> float:
-    value = _read(text)
-    if not least <= value < math.inf:
-        raise RobotError(option, f"is {text!r}", expected=expected)
     return value
 
 

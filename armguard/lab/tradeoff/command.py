@@ -52,11 +52,12 @@ def run(wishes: cli.Tradeoff) -> int:
     if touching:
         what += f" and {add_touching(scene, site, touching, seed)}"
     trial = None
-    if AUTO in chosen and (balls or recording is not None):
-        # Other balls, or another part of the recording.
-        trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
-    elif AUTO in chosen:
-        trial = make_visit(site, seed + 1)
+    if AUTO in chosen:
+        if balls or recording is not None:
+            # Other balls, or another part of the recording.
+            trial = make_scene(site, recording, balls, SECONDS, seed + 1, 0.0)[0]
+        else:
+            trial = make_visit(site, seed + 1)
     make_folder(out)  # once nothing else can be a mistake: none leaves an empty folder
     with show_progress() as tell:
         study = run_study(site, scene, chosen, tell, trial)
@@ -66,7 +67,6 @@ def run(wishes: cli.Tradeoff) -> int:
         "operating": _tell_operating(wishes.cell, site),
         **list_facts(seed),
     }
-    facts |= list_facts(seed)
     data = describe(study, title, facts)
     picture = ["A picture needs matplotlib, which `pip install 'armguard[plot]'` brings."]
     if can_draw():

@@ -233,7 +233,7 @@ def test_operating_limits_are_fractions_or_one_for_each_joint():
 def test_operating_limits_that_do_not_fit_are_refused(text, pattern):
     cell = Cell.from_text(ROBOT + text)
     with pytest.raises(CellError, match=pattern):
-        cell._make_operating(cell.make_robot())
+        cell.monitor_settings(cell.make_robot())
 
 
 def test_settings_reach_obstacles_and_monitor():

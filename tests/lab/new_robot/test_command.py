@@ -12,7 +12,7 @@ from armguard.app.cell import Cell
 from armguard.app.cli import NewRobot, main
 from armguard.exceptions import RobotError
 from armguard.lab.new_robot import command
-from armguard.lab.new_robot.command import make_folder
+from armguard.lab.new_robot.command import NO_PLANNING, make_folder
 from armguard.lab.new_robot.questions import GIVEN, Asker
 from armguard.robot import Robot
 from armguard.robot.ros_parameters import PlanningLimits
@@ -32,7 +32,7 @@ def run(arguments, capsys):
     return code, *capsys.readouterr()
 
 
-def make(urdf, out, planning=None, ask=None, **wishes):
+def make(urdf, out, planning=NO_PLANNING, ask=None, **wishes):
     wishes = {"yes": ask is None, "spheres": 2} | wishes
     asker = Asker(ask, takes_usual=wishes["yes"])
     return make_folder(NewRobot("new", Path(urdf), out, **wishes), planning, asker)
