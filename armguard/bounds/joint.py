@@ -137,8 +137,9 @@ def _largest_displacement(
     table: JointTable,
 ) -> float:
     """Greatest displacement over any step of the table; 0 if all are negative."""
+    if not set_columns(place[0], place[1], place[2], jacobian, table.box):
+        return np.inf
     largest = 0.0
-    set_columns(place[0], place[1], place[2], jacobian, table.box)
     for node in range(table.time.shape[0] - 1):
         set_span(table, node, node + 1, 1.0)
         displacement = displacement_in_box(

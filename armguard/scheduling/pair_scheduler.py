@@ -14,8 +14,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armguard.bounds.operating_history import OperatingHistory
+from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.obstacles.obstacles import Obstacles
@@ -83,8 +85,8 @@ class PairScheduler(Scheduler):
             changed = np.flatnonzero(certificates.watched.any(axis=1))
         schedule.touch(self._pairs_of(changed))
         # What is flagged has been so since the last tick; its pairs may have been removed since.
-        flagged = np.unique(np.asarray(schedule.flagged(), dtype=np.int64) // links)
-        due = np.array(schedule.due(), dtype=np.int64)
+        flagged = np.unique(self._read_pairs(schedule.flagged()) // links)
+        due = self._read_pairs(schedule.due())
         expiry = entries_of(certificates.expiry_tree)[flagged]
         latest = max(tick.time + tick.stop_time, expiry.min(initial=np.inf))
         _make_rows_due(self._handle, np.union1d(due // links, flagged[~(expiry > latest)]))
@@ -93,6 +95,18 @@ class PairScheduler(Scheduler):
         schedule.settle(times, tick.stop_time)
         self._evaluated = result.evaluated
         return result
+
+    def _read_pairs(self, named: ArrayLike) -> IntArray:
+        """The pairs that a schedule names; compiled code takes none that does not exist."""
+        pairs = np.array(named, dtype=np.int64)
+        count = self.certificates.watched.size
+        if not ((pairs >= 0) & (pairs < count)).all():
+            raise ArmguardError(
+                f"schedule {type(self.schedule).__name__}",
+                f"names pairs {pairs[(pairs < 0) | (pairs >= count)].tolist()}",
+                expected="pairs that were inserted and not removed",
+            )
+        return pairs
 
     def expect_evaluations(self) -> float:
         """How many evaluations a tick costs: as many as the last one."""

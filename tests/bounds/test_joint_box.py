@@ -6,6 +6,8 @@ import pytest
 
 from armguard.bounds import compute_levers
 from armguard.bounds.joint_box import (
+    _displacement_by_levers,
+    _displacement_by_second_derivatives,
     displacement_in_box,
     make_box,
     set_columns,
@@ -105,6 +107,39 @@ def test_the_bound_is_near_what_corners_of_a_wide_box_reach(question):
         off.append((taylor - furthest, bound - furthest))
     far, close = np.mean(off, axis=0)
     assert 0.0 < close < 0.5 * far
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0])
+@pytest.mark.parametrize("error", [0.0, 0.05])
+@pytest.mark.parametrize("count", [1, 2, 4, 7])
+def test_both_bounds_hold_for_a_point_that_turns_about_one_axis(count, error, spread):
+    """Where all joints share an axis, all terms of every order add up: each is needed in full."""
+    random = np.random.default_rng(count)
+    jacobian = np.vstack([np.zeros((5, count)), np.ones(count)])
+    box = make_box(np.ones(count, dtype=bool), np.full(count, error))
+    lever, slope_error = np.ones(count), np.full(count, count * error)
+    set_columns(1.0, 0.0, 0.0, jacobian, box)
+    closest = {_displacement_by_levers: np.inf, _displacement_by_second_derivatives: np.inf}
+    for _ in range(400):
+        middle = random.uniform(-0.4, 0.4) * random.choice([0.1, 1.0])
+        low, high = middle + spread * random.uniform(0.0, 0.3, (2, count)) * [[-1.0], [1.0]]
+        box.span[:] = high, low, np.maximum(np.abs(high), np.abs(low))
+        way = random.uniform(-np.pi, np.pi)
+        normal = np.cos(way), np.sin(way), 0.0
+        # The point is at an angle that is known within errors, and turns from there.
+        start = count * error * np.linspace(-1.0, 1.0, 21)[:, None]
+        end = start + np.linspace(low.sum(), high.sum(), 200)
+        furthest = (np.cos(way - end) - np.cos(way - start)).max()
+        bounds = {
+            _displacement_by_levers: _displacement_by_levers(normal, lever, slope_error, box),
+            _displacement_by_second_derivatives: _displacement_by_second_derivatives(
+                normal, jacobian, lever, slope_error, box
+            ),
+        }
+        for name, bound in bounds.items():
+            assert furthest <= bound
+            closest[name] = min(closest[name], bound - furthest)
+    assert spread or max(closest.values()) < 0.02 + 5.0 * count * error
 
 
 def test_an_empty_box_moves_nothing_and_nan_has_no_bound(question):

@@ -96,6 +96,19 @@ class Chosen:
         return np.array(sorted(self.members), dtype=np.int64)
 
 
+@pytest.mark.parametrize("pair", [-5, 5000, 10**7])
+@pytest.mark.parametrize("where", ["names", "flags"])
+def test_a_pair_that_does_not_exist_is_a_stop_that_names_it(where, pair):
+    chosen = Chosen()
+    obstacles, monitor = make_monitor(chosen)
+    see(obstacles, 0.0, [2.0, 0.0, 0.5])
+    assert steps(monitor, 0, 1)[0].level is not Level.STOP
+    setattr(chosen, where, np.array([pair]))
+    (verdict,) = steps(monitor, 1, 1)
+    assert verdict.level is Level.STOP
+    assert any(f"names pairs [{pair}]" in str(reason) for reason in verdict.reasons)
+
+
 def test_what_a_schedule_names_and_flags_is_evaluated_in_that_tick():
     schedule = Chosen()
     obstacles, monitor = make_monitor(schedule)

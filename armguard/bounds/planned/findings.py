@@ -49,9 +49,6 @@ class Finding(NamedTuple):
     """In [s] from the plan's begin; of two plans that differ, on the clock of their stamps."""
 
 
-NOTHING = Finding(FINE, -1, 0.0, 0.0, 0.0, 0.0)
-
-
 def describe(finding: Sequence[float], joints: Sequence[str]) -> Refusal:
     """The refusal that says what a kernel has found, in the fields of a `Finding`."""
     found = Finding(*finding)  # type: ignore[arg-type]  # kind and joint are whole numbers

@@ -243,7 +243,8 @@ class PlannedMotion:
         largest = 0.0
         for slab in np.flatnonzero(course.start <= t):
             x, y, z = course.placement[slab, joint] @ np.append(local, 1.0)
-            set_slab(self._arm, course, slab, (x, y, z))
+            if not set_slab(self._arm, course, slab, (x, y, z)):
+                return np.inf
             given = course.jacobian[slab], lever, self._arm.exact, self._arm.box
             moved = displacement_in_box(tuple(along), *given)
             largest = max(largest, float(along @ [x, y, z]) - origin + moved)
