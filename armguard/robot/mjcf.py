@@ -12,6 +12,7 @@ of bodies or by tendons, only take configurations away, so a bound without them 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -84,14 +85,30 @@ class _Reader:
         self._model = pinocchio.Model()
         self._model.name = path.stem
         self._geometry = pinocchio.GeometryModel()
-        self._bodies = [compiled.body(i).name or f"body{i}" for i in range(compiled.nbody)]
-        self._joints = [compiled.joint(i).name or f"joint{i}" for i in range(compiled.njnt)]
+        self._bodies = self._name_bodies()
+        self._joints = self._name_joints()
         self._efforts = self._read_efforts()
         self._continuous: list[str] = []
 
     def read(self) -> UrdfModel:
         """Read all of it."""
         compiled = self._compiled
+        if compiled.nflex:
+            name = self._mujoco.mj_id2name(compiled, self._mujoco.mjtObj.mjOBJ_FLEX, 0)
+            raise self._refuse(
+                f"flex {name or 0!r}", "is flexible", expected="rigid bodies",
+                remedy="remove it, or replace it by a geom that contains it",
+            )  # fmt: skip
+        # Pinocchio's own root is among its names of joints.
+        joints = [*self._model.names, *self._joints]
+        for kind, names in (("body", self._bodies), ("joint", joints)):
+            for name, count in Counter(names).items():
+                if count > 1:
+                    raise self._refuse(
+                        f"{kind} {name!r}", "is there twice",
+                        expected="a name of its own, also beside those made for unnamed ones",
+                        remedy=f"name every {kind}",
+                    )  # fmt: skip
         for name in self._drawn:
             check_drawn(name, self._bodies, has_own=False, is_drawn=True)
         if compiled.nbody < 2:
@@ -116,6 +133,24 @@ class _Reader:
     def _refuse(self, what: str, problem: str, expected: str = "", remedy: str = "") -> RobotError:
         place = f"{self._path}: {what}" if what else str(self._path)
         return RobotError(place, problem, expected=expected, remedy=remedy)
+
+    def _name_bodies(self) -> list[str]:
+        """Names of bodies; an unnamed one is called by its place among those of its parent."""
+        compiled = self._compiled
+        names: list[str] = []
+        for body, parent in enumerate(compiled.body_parentid):
+            place = np.count_nonzero(compiled.body_parentid[1:body] == parent)
+            names.append(compiled.body(body).name or f"{names[parent]}_body{place}")
+        return names
+
+    def _name_joints(self) -> list[str]:
+        """Names of joints; an unnamed one is called by its place among those of its body."""
+        compiled = self._compiled
+        names: list[str] = []
+        for joint, body in enumerate(compiled.jnt_bodyid):
+            place = joint - compiled.body_jntadr[body]
+            names.append(compiled.joint(joint).name or f"{self._bodies[body]}_joint{place}")
+        return names
 
     def _add_joints(self, body: int, carrier: int, place: Any) -> tuple[int, Any]:
         """Add a body's joints; what carries it then, and where it is in that frame."""

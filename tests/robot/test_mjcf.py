@@ -104,6 +104,26 @@ def test_a_link_that_is_only_drawn_is_bare_until_it_collides_as_drawn(tmp_path):
         ({"inside": '<geom name="e" type="ellipsoid" size="1 1 1"/>'}, "'e' of.*'ellipsoid'"),
         ({"inside": '<body><geom size="1"/><joint name="r" ref="1"/></body>'}, "'r': has ref=0"),
         ({"beside": '<body name="wrist"/>'}, "cannot be read.*wrist"),
+        ({"beside": '<body name="wrist_body0"/>', "inside": "<body/>"}, "body.*is there twice"),
+        (
+            {"beside": '<body name="b"><joint name="b_joint1" axis="1 0 0"/><joint/>'
+                       '<geom size="1"/></body>'},
+            "joint 'b_joint1': is there twice.*name every joint",
+        ),
+        (
+            {"inside": '<body><joint name="universe"/><geom size="1"/></body>'},
+            "joint 'universe': is there twice",
+        ),
+        (
+            {"inside": '<flexcomp name="rope" type="grid" count="3 3 1" spacing="1 1 1" '
+                       'dim="2" mass="1" radius="0.1" rigid="true"/>'},
+            "flex 'rope': is flexible.*rigid",
+        ),
+        (
+            {"extra": '<deformable><flex name="hose" dim="1" body="wrist wrist" '
+                      'vertex="0 0 0 1 0 0" element="0 1" radius="0.1"/></deformable>'},
+            "flex 'hose': is flexible",
+        ),
         ({"inside": '<geom name="s" size="1" class="lost"/>'}, "cannot be read.*lost"),
         ({"compiler": ""}, "cannot be read.*fin.stl"),
         (
@@ -117,6 +137,19 @@ def test_a_link_that_is_only_drawn_is_bare_until_it_collides_as_drawn(tmp_path):
 def test_what_is_not_supported_is_refused_by_name(tmp_path, changes, words):
     with pytest.raises(RobotError, match=words):
         read_mjcf(write_mjcf(tmp_path, **changes))
+
+
+def test_bodies_and_joints_without_names_are_called_by_their_place(tmp_path):
+    unnamed = '<body><joint/><joint axis="1 0 0"/><geom size="0.1"/></body>'
+    ours = read_mjcf(write_mjcf(tmp_path, inside=unnamed, beside='<body name="joint3"/>' + unnamed))
+    names = [str(name) for name in ours.model.names][1:]
+    assert {"wrist_body0_joint0", "wrist_body0_joint1"} < set(names)
+    assert {"world_body2_joint0", "world_body2_joint1"} < set(names)
+    assert len(set(names)) == len(names) == 9
+    # Each geom hangs on the frame of its own body, with the joint that carries it.
+    for one in ours.collision_model.geometryObjects:
+        assert one.parentJoint == ours.model.frames[one.parentFrame].parentJoint
+        assert one.name.startswith(ours.model.frames[one.parentFrame].name)
 
 
 def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
