@@ -64,9 +64,24 @@ def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
         compiled = spec.compile()
     except ValueError as error:
         raise RobotError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
-    # Inertias that MuJoCo infers from what is drawn are a guess: no effort counts beside them.
-    has_all_inertias = all(body.explicitinertial for body in spec.bodies[1:])
-    return _Reader(Path(path), mujoco, compiled, drawn, has_all_inertias).read()
+    return _Reader(Path(path), mujoco, compiled, drawn, _has_all_inertias(mujoco, spec)).read()
+
+
+def _has_all_inertias(mujoco: Any, spec: Any) -> bool:
+    """Whether the compiled inertias of all bodies are those that the file states.
+
+    MuJoCo infers others from what is drawn, or changes them as a compiler tells it. They are a
+    guess, beside which no effort counts.
+    """
+    # An attached body has the compiler of its own file.
+    return all(body.explicitinertial for body in spec.bodies[1:]) and not any(
+        body.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        or body.compiler.boundmass > 0.0
+        or body.compiler.boundinertia > 0.0
+        or body.compiler.settotalmass > 0.0
+        or body.compiler.balanceinertia
+        for body in spec.bodies
+    )
 
 
 class _Reader:

@@ -8,7 +8,7 @@ import pytest
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import RobotError
 from armguard.robot.mjcf import read_mjcf
-from support.mjcf_arms import write_mjcf
+from support.mjcf_arms import COMPILER, write_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -150,6 +150,31 @@ def test_bodies_and_joints_without_names_are_called_by_their_place(tmp_path):
     for one in ours.collision_model.geometryObjects:
         assert one.parentJoint == ours.model.frames[one.parentFrame].parentJoint
         assert one.name.startswith(ours.model.frames[one.parentFrame].name)
+
+
+CHANGED = (
+    'inertiafromgeom="true"',
+    'boundmass="0.5"',
+    'boundinertia="0.5"',
+    'settotalmass="3"',
+    'balanceinertia="true"',
+)
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
+@pytest.mark.parametrize("change", CHANGED)
+@pytest.mark.parametrize("is_attached", [False, True])
+def test_no_effort_counts_where_the_compiler_changes_inertias(tmp_path, change, is_attached):
+    assert np.any(read_mjcf(write_mjcf(tmp_path)).model.effortLimit)
+    changed = COMPILER.replace("/>", f" {change}/>")
+    path = write_mjcf(tmp_path, compiler=changed)
+    if is_attached:
+        path = tmp_path / "scene.xml"
+        path.write_text(
+            '<mujoco><asset><model name="arm" file="arm.xml"/></asset><worldbody>'
+            '<attach model="arm" body="base" prefix="my_"/></worldbody></mujoco>'
+        )
+    assert not np.any(read_mjcf(path).model.effortLimit)
 
 
 def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
