@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,11 @@ _KINDS = {
 }
 """Pinocchio's joints by MuJoCo's names."""
 
+_OLDEST = (3, 17)
+"""The first version of MuJoCo that has all that is used here."""
+
+_INSTALL = "pip install 'armguard[mujoco]'"
+
 
 def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
     """Read the model and the collision geometry of an MJCF file.
@@ -47,24 +53,51 @@ def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
         0, which stands for none, as in a URDF.
 
     Raises:
-        RobotError: MuJoCo is not installed or cannot compile the file, or something in it is not
-            supported; the message names it.
+        RobotError: MuJoCo is missing, too old or cannot compile the file, or something in it is
+            not supported; the message names it.
     """
+    mujoco = _import_mujoco(path)
     try:
-        import mujoco
-    except ImportError as error:
-        raise RobotError(
-            str(path), "is an MJCF, which MuJoCo reads, and mujoco is not installed",
-            remedy="pip install 'armguard[mujoco]'",
-        ) from error  # fmt: skip
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        # Bodies and what they are drawn with stay, each by its name.
-        spec.compiler.fusestatic = spec.compiler.discardvisual = False
-        compiled = spec.compile()
+        with _without_log_file(mujoco):
+            spec = mujoco.MjSpec.from_file(str(path))
+            # Bodies and what they are drawn with stay, each by its name.
+            spec.compiler.fusestatic = spec.compiler.discardvisual = False
+            compiled = spec.compile()
     except ValueError as error:
         raise RobotError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
     return _Reader(Path(path), mujoco, compiled, drawn, _has_all_inertias(mujoco, spec)).read()
+
+
+def _import_mujoco(path: str | Path) -> Any:
+    try:
+        import mujoco
+    except (ImportError, OSError, RuntimeError) as error:
+        # It raises the others where its own library or settings are wrong.
+        raise RobotError(
+            str(path), f"is an MJCF, which MuJoCo reads, and mujoco cannot be imported: {error}",
+            remedy=_INSTALL,
+        ) from error  # fmt: skip
+    version = str(getattr(mujoco, "__version__", "of no version"))
+    numbers = tuple(int(part) for part in version.split(".")[:2] if part.isdecimal())
+    if numbers < _OLDEST:
+        raise RobotError(
+            str(path), f"is an MJCF, which MuJoCo reads, and mujoco is {version}",
+            expected=f"{'.'.join(map(str, _OLDEST))} or later",
+            remedy=_INSTALL,
+        )  # fmt: skip
+    return mujoco
+
+
+@contextmanager
+def _without_log_file(mujoco: Any) -> Iterator[None]:
+    """Let MuJoCo warn on stderr only: by default it also writes a file into the current folder."""
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
+    quiet.logto_file = False
+    quiet.set()
+    try:
+        yield
+    finally:
+        before.set()
 
 
 def _has_all_inertias(mujoco: Any, spec: Any) -> bool:

@@ -1,5 +1,6 @@
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
 import pinocchio
@@ -177,6 +178,16 @@ def test_no_effort_counts_where_the_compiler_changes_inertias(tmp_path, change, 
     assert not np.any(read_mjcf(path).model.effortLimit)
 
 
+def test_what_mujoco_warns_of_leaves_no_file_in_the_current_folder(tmp_path, monkeypatch, capfd):
+    (tmp_path / "current").mkdir()
+    monkeypatch.chdir(tmp_path / "current")
+    assert mujoco.MjLogConfig.get().logto_file  # reading leaves it as it was, also before this
+    read_mjcf(write_mjcf(tmp_path, inside='<body><joint damping="nan"/><geom size="1"/></body>'))
+    assert "NaN" in capfd.readouterr().err
+    assert not list(Path().iterdir())
+    assert mujoco.MjLogConfig.get().logto_file
+
+
 def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
     path = tmp_path / "arm.xml"
     for content, words in (("<mujoco", "cannot be read"), ("<mujoco/>", "no body")):
@@ -184,5 +195,23 @@ def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
         with pytest.raises(RobotError, match=words):
             read_mjcf(path)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(RobotError, match=r"not installed; pip install 'armguard\[mujoco\]'"):
+    with pytest.raises(RobotError, match=r"imported: .*; pip install 'armguard\[mujoco\]'"):
         read_mjcf(path)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("raise ImportError('libGL is lost')", "cannot be imported: libGL is lost"),
+        ("raise OSError('libmujoco is lost')", "cannot be imported: libmujoco is lost"),
+        ("raise RuntimeError('no such GL')", "cannot be imported: no such GL"),
+        ("__version__ = '3.1.6'", r"mujoco is 3\.1\.6; expected 3\.17 or later; pip install"),
+        ("", r"mujoco is of no version; expected 3\.17 or later"),
+    ],
+)
+def test_a_mujoco_that_does_not_serve_is_told_of(tmp_path, monkeypatch, source, words):
+    (tmp_path / "mujoco.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mujoco")
+    with pytest.raises(RobotError, match=words):
+        read_mjcf(write_mjcf(tmp_path))
