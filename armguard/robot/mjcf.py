@@ -12,7 +12,9 @@ of bodies or by tendons, only take configurations away, so a bound without them 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,11 @@ _KINDS = {
 }
 """Pinocchio's joints by MuJoCo's names."""
 
+_OLDEST = (3, 17)
+"""The first version of MuJoCo that has all that is used here."""
+
+_INSTALL = "pip install 'armguard[mujoco]'"
+
 
 def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
     """Read the model and the collision geometry of an MJCF file.
@@ -46,26 +53,68 @@ def read_mjcf(path: str | Path, drawn: Collection[str] = ()) -> UrdfModel:
         0, which stands for none, as in a URDF.
 
     Raises:
-        RobotError: MuJoCo is not installed or cannot compile the file, or something in it is not
-            supported; the message names it.
+        RobotError: MuJoCo is missing, too old or cannot compile the file, or something in it is
+            not supported; the message names it.
     """
+    mujoco = _import_mujoco(path)
     try:
-        import mujoco
-    except ImportError as error:
-        raise RobotError(
-            str(path), "is an MJCF, which MuJoCo reads, and mujoco is not installed",
-            remedy="pip install 'armguard[mujoco]'",
-        ) from error  # fmt: skip
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        # Bodies and what they are drawn with stay, each by its name.
-        spec.compiler.fusestatic = spec.compiler.discardvisual = False
-        compiled = spec.compile()
+        with _without_log_file(mujoco):
+            spec = mujoco.MjSpec.from_file(str(path))
+            # Bodies and what they are drawn with stay, each by its name.
+            spec.compiler.fusestatic = spec.compiler.discardvisual = False
+            compiled = spec.compile()
     except ValueError as error:
         raise RobotError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
-    # Inertias that MuJoCo infers from what is drawn are a guess: no effort counts beside them.
-    has_all_inertias = all(body.explicitinertial for body in spec.bodies[1:])
-    return _Reader(Path(path), mujoco, compiled, drawn, has_all_inertias).read()
+    return _Reader(Path(path), mujoco, compiled, drawn, _has_all_inertias(mujoco, spec)).read()
+
+
+def _import_mujoco(path: str | Path) -> Any:
+    try:
+        import mujoco
+    except (ImportError, OSError, RuntimeError) as error:
+        # It raises the others where its own library or settings are wrong.
+        raise RobotError(
+            str(path), f"is an MJCF, which MuJoCo reads, and mujoco cannot be imported: {error}",
+            remedy=_INSTALL,
+        ) from error  # fmt: skip
+    version = str(getattr(mujoco, "__version__", "of no version"))
+    numbers = tuple(int(part) for part in version.split(".")[:2] if part.isdecimal())
+    if numbers < _OLDEST:
+        raise RobotError(
+            str(path), f"is an MJCF, which MuJoCo reads, and mujoco is {version}",
+            expected=f"{'.'.join(map(str, _OLDEST))} or later",
+            remedy=_INSTALL,
+        )  # fmt: skip
+    return mujoco
+
+
+@contextmanager
+def _without_log_file(mujoco: Any) -> Iterator[None]:
+    """Let MuJoCo warn on stderr only: by default it also writes a file into the current folder."""
+    before, quiet = mujoco.MjLogConfig.get(), mujoco.MjLogConfig.get()
+    quiet.logto_file = False
+    quiet.set()
+    try:
+        yield
+    finally:
+        before.set()
+
+
+def _has_all_inertias(mujoco: Any, spec: Any) -> bool:
+    """Whether the compiled inertias of all bodies are those that the file states.
+
+    MuJoCo infers others from what is drawn, or changes them as a compiler tells it. They are a
+    guess, beside which no effort counts.
+    """
+    # An attached body has the compiler of its own file.
+    return all(body.explicitinertial for body in spec.bodies[1:]) and not any(
+        body.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        or body.compiler.boundmass > 0.0
+        or body.compiler.boundinertia > 0.0
+        or body.compiler.settotalmass > 0.0
+        or body.compiler.balanceinertia
+        for body in spec.bodies
+    )
 
 
 def find_solid(compiled: Any) -> list[int]:
@@ -98,14 +147,30 @@ class _Reader:
         self._model = pinocchio.Model()
         self._model.name = path.stem
         self._geometry = pinocchio.GeometryModel()
-        self._bodies = [compiled.body(i).name or f"body{i}" for i in range(compiled.nbody)]
-        self._joints = [compiled.joint(i).name or f"joint{i}" for i in range(compiled.njnt)]
+        self._bodies = self._name_bodies()
+        self._joints = self._name_joints()
         self._efforts = self._read_efforts()
         self._continuous: list[str] = []
 
     def read(self) -> UrdfModel:
         """Read all of it."""
         compiled = self._compiled
+        if compiled.nflex:
+            name = self._mujoco.mj_id2name(compiled, self._mujoco.mjtObj.mjOBJ_FLEX, 0)
+            raise self._refuse(
+                f"flex {name or 0!r}", "is flexible", expected="rigid bodies",
+                remedy="remove it, or replace it by a geom that contains it",
+            )  # fmt: skip
+        # Pinocchio's own root is among its names of joints.
+        joints = [*self._model.names, *self._joints]
+        for kind, names in (("body", self._bodies), ("joint", joints)):
+            for name, count in Counter(names).items():
+                if count > 1:
+                    raise self._refuse(
+                        f"{kind} {name!r}", "is there twice",
+                        expected="a name of its own, also beside those made for unnamed ones",
+                        remedy=f"name every {kind}",
+                    )  # fmt: skip
         for name in self._drawn:
             check_drawn(name, self._bodies, has_own=False, is_drawn=True)
         if compiled.nbody < 2:
@@ -130,6 +195,24 @@ class _Reader:
     def _refuse(self, what: str, problem: str, expected: str = "", remedy: str = "") -> RobotError:
         place = f"{self._path}: {what}" if what else str(self._path)
         return RobotError(place, problem, expected=expected, remedy=remedy)
+
+    def _name_bodies(self) -> list[str]:
+        """Names of bodies; an unnamed one is called by its place among those of its parent."""
+        compiled = self._compiled
+        names: list[str] = []
+        for body, parent in enumerate(compiled.body_parentid):
+            place = np.count_nonzero(compiled.body_parentid[1:body] == parent)
+            names.append(compiled.body(body).name or f"{names[parent]}_body{place}")
+        return names
+
+    def _name_joints(self) -> list[str]:
+        """Names of joints; an unnamed one is called by its place among those of its body."""
+        compiled = self._compiled
+        names: list[str] = []
+        for joint, body in enumerate(compiled.jnt_bodyid):
+            place = joint - compiled.body_jntadr[body]
+            names.append(compiled.joint(joint).name or f"{self._bodies[body]}_joint{place}")
+        return names
 
     def _add_joints(self, body: int, carrier: int, place: Any) -> tuple[int, Any]:
         """Add a body's joints; what carries it then, and where it is in that frame."""

@@ -1,5 +1,6 @@
 import math
 import sys
+from pathlib import Path
 
 import numpy as np
 import pinocchio
@@ -8,7 +9,7 @@ import pytest
 from armguard.cover.triangulation import triangulate
 from armguard.exceptions import RobotError
 from armguard.robot.mjcf import read_mjcf
-from support.mjcf_arms import write_mjcf
+from support.mjcf_arms import COMPILER, write_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -104,6 +105,26 @@ def test_a_link_that_is_only_drawn_is_bare_until_it_collides_as_drawn(tmp_path):
         ({"inside": '<geom name="e" type="ellipsoid" size="1 1 1"/>'}, "'e' of.*'ellipsoid'"),
         ({"inside": '<body><geom size="1"/><joint name="r" ref="1"/></body>'}, "'r': has ref=0"),
         ({"beside": '<body name="wrist"/>'}, "cannot be read.*wrist"),
+        ({"beside": '<body name="wrist_body0"/>', "inside": "<body/>"}, "body.*is there twice"),
+        (
+            {"beside": '<body name="b"><joint name="b_joint1" axis="1 0 0"/><joint/>'
+                       '<geom size="1"/></body>'},
+            "joint 'b_joint1': is there twice.*name every joint",
+        ),
+        (
+            {"inside": '<body><joint name="universe"/><geom size="1"/></body>'},
+            "joint 'universe': is there twice",
+        ),
+        (
+            {"inside": '<flexcomp name="rope" type="grid" count="3 3 1" spacing="1 1 1" '
+                       'dim="2" mass="1" radius="0.1" rigid="true"/>'},
+            "flex 'rope': is flexible.*rigid",
+        ),
+        (
+            {"extra": '<deformable><flex name="hose" dim="1" body="wrist wrist" '
+                      'vertex="0 0 0 1 0 0" element="0 1" radius="0.1"/></deformable>'},
+            "flex 'hose': is flexible",
+        ),
         ({"inside": '<geom name="s" size="1" class="lost"/>'}, "cannot be read.*lost"),
         ({"compiler": ""}, "cannot be read.*fin.stl"),
         (
@@ -119,6 +140,54 @@ def test_what_is_not_supported_is_refused_by_name(tmp_path, changes, words):
         read_mjcf(write_mjcf(tmp_path, **changes))
 
 
+def test_bodies_and_joints_without_names_are_called_by_their_place(tmp_path):
+    unnamed = '<body><joint/><joint axis="1 0 0"/><geom size="0.1"/></body>'
+    ours = read_mjcf(write_mjcf(tmp_path, inside=unnamed, beside='<body name="joint3"/>' + unnamed))
+    names = [str(name) for name in ours.model.names][1:]
+    assert {"wrist_body0_joint0", "wrist_body0_joint1"} < set(names)
+    assert {"world_body2_joint0", "world_body2_joint1"} < set(names)
+    assert len(set(names)) == len(names) == 9
+    # Each geom hangs on the frame of its own body, with the joint that carries it.
+    for one in ours.collision_model.geometryObjects:
+        assert one.parentJoint == ours.model.frames[one.parentFrame].parentJoint
+        assert one.name.startswith(ours.model.frames[one.parentFrame].name)
+
+
+CHANGED = (
+    'inertiafromgeom="true"',
+    'boundmass="0.5"',
+    'boundinertia="0.5"',
+    'settotalmass="3"',
+    'balanceinertia="true"',
+)
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
+@pytest.mark.parametrize("change", CHANGED)
+@pytest.mark.parametrize("is_attached", [False, True])
+def test_no_effort_counts_where_the_compiler_changes_inertias(tmp_path, change, is_attached):
+    assert np.any(read_mjcf(write_mjcf(tmp_path)).model.effortLimit)
+    changed = COMPILER.replace("/>", f" {change}/>")
+    path = write_mjcf(tmp_path, compiler=changed)
+    if is_attached:
+        path = tmp_path / "scene.xml"
+        path.write_text(
+            '<mujoco><asset><model name="arm" file="arm.xml"/></asset><worldbody>'
+            '<attach model="arm" body="base" prefix="my_"/></worldbody></mujoco>'
+        )
+    assert not np.any(read_mjcf(path).model.effortLimit)
+
+
+def test_what_mujoco_warns_of_leaves_no_file_in_the_current_folder(tmp_path, monkeypatch, capfd):
+    (tmp_path / "current").mkdir()
+    monkeypatch.chdir(tmp_path / "current")
+    assert mujoco.MjLogConfig.get().logto_file  # reading leaves it as it was, also before this
+    read_mjcf(write_mjcf(tmp_path, inside='<body><joint damping="nan"/><geom size="1"/></body>'))
+    assert "NaN" in capfd.readouterr().err
+    assert not list(Path().iterdir())
+    assert mujoco.MjLogConfig.get().logto_file
+
+
 def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
     path = tmp_path / "arm.xml"
     for content, words in (("<mujoco", "cannot be read"), ("<mujoco/>", "no body")):
@@ -126,5 +195,23 @@ def test_other_files_are_refused_and_mujoco_is_asked_for(tmp_path, monkeypatch):
         with pytest.raises(RobotError, match=words):
             read_mjcf(path)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(RobotError, match=r"not installed; pip install 'armguard\[mujoco\]'"):
+    with pytest.raises(RobotError, match=r"imported: .*; pip install 'armguard\[mujoco\]'"):
         read_mjcf(path)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("raise ImportError('libGL is lost')", "cannot be imported: libGL is lost"),
+        ("raise OSError('libmujoco is lost')", "cannot be imported: libmujoco is lost"),
+        ("raise RuntimeError('no such GL')", "cannot be imported: no such GL"),
+        ("__version__ = '3.1.6'", r"mujoco is 3\.1\.6; expected 3\.17 or later; pip install"),
+        ("", r"mujoco is of no version; expected 3\.17 or later"),
+    ],
+)
+def test_a_mujoco_that_does_not_serve_is_told_of(tmp_path, monkeypatch, source, words):
+    (tmp_path / "mujoco.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mujoco")
+    with pytest.raises(RobotError, match=words):
+        read_mjcf(write_mjcf(tmp_path))
