@@ -17,6 +17,7 @@ from typing import Any
 
 import numba
 
+from armguard.exceptions import ArmguardError
 from armguard.jit.kernel_folder import find_cache
 from armguard.jit.progress import follow
 
@@ -35,9 +36,16 @@ def has_fast_path(version: str, choice: str) -> bool:
     Args:
         version: Of Numba.
         choice: The environment's `ARMGUARD_JIT`.
+
+    Raises:
+        ArmguardError: The choice is neither empty nor `plain`.
     """
+    if choice not in ("", "plain"):
+        raise ArmguardError(
+            "ARMGUARD_JIT", f"is {choice!r}", expected="plain", remedy="correct it, or unset it"
+        )
     numbers = tuple(int(part) for part in re.findall(r"\d+", version)[:2])
-    return choice != "plain" and OLDEST_TESTED <= numbers <= NEWEST_TESTED
+    return not choice and OLDEST_TESTED <= numbers <= NEWEST_TESTED
 
 
 IS_FAST = has_fast_path(numba.__version__, os.environ.get("ARMGUARD_JIT", ""))

@@ -44,7 +44,7 @@ class ObstacleIntake:
         """
         intake = self._intake
         stamp, gap = intake.times.translate(message.stamp, account.clock)
-        batch = read_batch(message, stamp)
+        batch = sent = read_batch(message, stamp)
         window = account.clock.error + gap
         if window > 0.0:
             batch = self._widen(batch, window)
@@ -54,8 +54,14 @@ class ObstacleIntake:
             intake.count_refused(error, batch.source, message.seq)
             is_as_told = False
         if not is_as_told:
-            told = {name: getattr(batch, name) for name in _NUMBERS} | {"stamp": message.stamp}
-            intake.check_finite(batch.source, message.seq, told)
+            told = {name: getattr(sent, name) for name in _NUMBERS} | {"stamp": message.stamp}
+            is_finite = intake.check_finite(sent.source, message.seq, told)
+            if is_finite and not np.isfinite(batch.position_error).all():
+                problem = (
+                    f"speed has no bound, and stamps may be {window:.3g} s off; "
+                    "expected a finite speed, or a velocity and a finite accel"
+                )
+                intake.faults.add("refused", sent.source, message.seq, problem)
 
     def take_removal(self, message: RemoveMessage, account: SourceAccount) -> None:
         """Tell the table what has gone; what cannot be used is counted."""

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from armguard.exceptions import ArmguardError
 from armguard.jit import kernel
 from armguard.jit.kernel_folder import PACKAGE
 from armguard.jit.kernels import IS_FAST, has_fast_path
@@ -22,6 +23,9 @@ BOTH = pytest.mark.parametrize("jit", ["fast", "plain"])
 def test_the_fast_path_is_for_tested_versions_of_numba_that_nobody_has_forbidden(version, tested):
     assert has_fast_path(version, "") is tested
     assert not has_fast_path(version, "plain")
+    for misspelt in ("Plain", "fast", " plain"):
+        with pytest.raises(ArmguardError, match=f"ARMGUARD_JIT: is '{misspelt}'; expected plain"):
+            has_fast_path(version, misspelt)
 
 
 def test_one_module_has_private_parts_of_numba_and_every_kernel_is_compiled_by_this_room():
@@ -123,7 +127,7 @@ def test_both_paths_compute_the_same_to_the_bit(tmp_path):
     source = tmp_path / "arithmetic.py"
     source.write_text(ALONE + ARITHMETIC)
     told = []
-    for jit in ("fast", "plain", "plain"):
+    for jit in ("", "plain", "plain"):
         environment = {"ARMGUARD_JIT": jit, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
         result = subprocess.run(
             [sys.executable, str(source)], env={**os.environ, **environment},

@@ -153,6 +153,18 @@ def test_unbounded_obstacles_without_a_clock_are_refused():
     assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.NOT_FINITE]
 
 
+def test_a_source_is_told_what_it_has_sent_and_not_what_became_of_it():
+    world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
+    world.send(obstacles(speed=math.inf, accel=math.inf))
+    assert [fault.kind for fault in world.obstacles.take_faults()] == [FaultKind.NOT_FINITE]
+    (line,) = world.lines
+    assert line.startswith("refused: cam0 message 1: speed has no bound, and stamps may be 0.1 s")
+    world.send(obstacles(seq=2, speed=math.inf, accel=math.inf, radius=math.nan))
+    assert world.lines[1:] == [
+        "not finite: cam0 message 2: radius is nan; expected a finite number"
+    ]
+
+
 @pytest.mark.parametrize("error", [-0.1, -math.inf, [math.nan]])
 def test_errors_that_make_no_sense_are_not_hidden_by_those_of_arrival(error):
     world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
