@@ -1,4 +1,4 @@
-"""Where time comes from: the machine's monotonic clock, or a clock that a test or replay sets.
+"""Where time comes from: the machine's monotonic clock, or one that is injected.
 
 Time is injected, never read behind the scenes: whatever decides takes `now` as an argument, and
 only the outermost loop owns a clock.
@@ -40,18 +40,3 @@ class MonotonicClock:
         remaining = deadline - self.now()
         if remaining > 0.0:
             time.sleep(remaining)
-
-
-class ManualClock:
-    """A clock that moves only when told to, for tests and replay."""
-
-    def __init__(self, start: float = 0.0) -> None:
-        self._now = start
-
-    def now(self) -> float:
-        """The time it was last set to, in [s]."""
-        return self._now
-
-    def sleep_until(self, deadline: float) -> None:
-        """Jump to `deadline` at once; never backwards."""
-        self._now = max(self._now, deadline)

@@ -36,7 +36,6 @@ import time
 import msgspec
 import numpy as np
 
-from armguard.clock import ManualClock
 from armguard.obstacles import Frame, Obstacles
 from armguard.obstacles.table import clear_changed_rows, copy_state
 from armguard.robot import Robot
@@ -58,6 +57,21 @@ CONTESTANTS = (
     ("sweep, spheres", Sweep, ("spheres",)),
     ("sweep, reach", Sweep, ("reach",)),
 )
+
+
+class ManualClock:
+    """A clock that is set."""
+
+    def __init__(self) -> None:
+        self._now = 0.0
+
+    def now(self) -> float:
+        """What it was set to, in [s]."""
+        return self._now
+
+    def sleep_until(self, deadline: float) -> None:
+        """Set it, in [s]."""
+        self._now = deadline
 
 
 class Wire:

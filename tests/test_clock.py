@@ -1,4 +1,5 @@
-from armguard.clock import ManualClock, MonotonicClock
+from armguard.clock import MonotonicClock
+from support.manual_clock import ManualClock
 
 
 def test_the_monotonic_clock_starts_near_zero_and_sleeps_to_deadlines():

@@ -7,6 +7,7 @@ cell file names another clock for the source.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections import deque
@@ -80,7 +81,7 @@ def _connect(address: str, kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
     return connection
 
 
-class Publisher:
+class Publisher(contextlib.AbstractContextManager["Publisher"]):
     """Sends obstacles or joint states to a running monitor; never blocks.
 
     Args:
@@ -458,9 +459,6 @@ class Publisher:
         """Close; messages on their way get a fifth of a second to arrive."""
         self._socket.close()
 
-    def __enter__(self) -> Publisher:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -552,7 +550,7 @@ class VerdictPublisher:
         self._socket.close()
 
 
-class VerdictReader:
+class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
     """Receives verdicts; for a controller, which must brake on STOP, and on silence as well.
 
     Times of the verdicts are seconds of the machine's monotonic clock. What is malformed or comes
@@ -662,9 +660,6 @@ class VerdictReader:
     def close(self) -> None:
         """Disconnect."""
         self._socket.close()
-
-    def __enter__(self) -> VerdictReader:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -24,13 +24,13 @@ from armguard.app.loop import (
     RunOptions,
     run,
 )
-from armguard.clock import ManualClock
 from armguard.exceptions import StreamError
 from armguard.messages.answers import VerdictMessage
 from armguard.recording import replay
 from armguard.recording.events import Log
 from armguard.streams import Edge, EdgeSettings, FaultLog, SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
+from support.manual_clock import ManualClock
 from support.recordings_made import read_events
 
 EXAMPLE = Path(__file__).parents[2] / "demos" / "cell.toml"

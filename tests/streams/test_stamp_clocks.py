@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from armguard.clock import ManualClock
 from armguard.streams import StampClock
+from support.manual_clock import ManualClock
 from support.stream_messages import (
     MONOTONIC,
     UNIX,

@@ -3,10 +3,10 @@
 import msgspec
 import numpy as np
 
-from armguard.clock import ManualClock
 from armguard.obstacles import Frame, Obstacles
 from armguard.streams import Edge, EdgeSettings, FaultLog
 from armguard.streams.other_arm_intake import OtherArm
+from support.manual_clock import ManualClock
 
 JOINTS = ["shoulder", "elbow"]
 MONOTONIC = 1000.0
