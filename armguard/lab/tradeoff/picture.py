@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import io
-import itertools
 from typing import Any
 
 import numpy as np
 
-from armguard.lab.tradeoff.ladder import DEFAULT, FINEST
 from armguard.lab.tradeoff.study import Study
 
 PICTURE = "price.png"
 SIZE, DPI = (9.0, 5.0), 90
-MARKS = "osD^vPXph"
 
 
 def can_draw() -> bool:
@@ -33,10 +30,9 @@ def draw_price(study: Study) -> bytes:
         setting.name: (100.0 * one.core, 100.0 * (one.stop + one.slow)) for setting, one in found
     }
     kind_of = {setting.name: setting.axis or setting.name for setting, _ in found}
-    for kind, mark in zip(dict.fromkeys(kind_of.values()), itertools.cycle(MARKS), strict=False):
+    for kind in dict.fromkeys(kind_of.values()):
         places = np.array([points[name] for name, one in kind_of.items() if one == kind])
-        shape = {"marker": "*", "ms": 14} if kind in (DEFAULT, FINEST) else {"marker": mark}
-        axes.plot(*places.T, ls="", label=kind, alpha=0.8, **shape)
+        axes.plot(*places.T, "*" if len(places) == 1 else "o", ms=9, label=kind, alpha=0.8)
     front = np.array(sorted(points[name] for name in study.front if name in points))
     axes.step(*front.reshape(-1, 2).T, "k:", where="post", label="front")
     axes.set(
