@@ -5,8 +5,8 @@
 starts processes one after another, each of which makes a monitor of a Panda with all defaults,
 takes in ten obstacles and steps once. The first has an empty folder for its kernels, the others
 what the first one left. All of this is done with the fast path of compilation (see
-`armguard/jit/kernels.py`), and again with Numba's public interface alone, `plain`. Each process
-then moves arm and obstacles for a moment, and all must give the same verdicts to the bit.
+`armguard/jit/kernels.py`), and again without it, `plain`. Each process then moves arm and
+obstacles for a moment, and all must give the same verdicts to the bit.
 
 Times are the process's own, imports included: processor time on all cores, and wall time, which
 other load stretches. `compiled` counts kernels. Beside each of the dearest functions, Numba's own

@@ -10,7 +10,8 @@ What compiled code reads from a handle it borrows: references are not counted. T
 handle until the call returns, and compiled code keeps nothing of it.
 
 All of this uses `numba.extending`, Numba's public interface for types of one's own, and so it is
-the same with every version of Numba.
+the same with every version of Numba. One class comes from elsewhere, `AttributeTemplate`: what is
+registered by `infer_getattr` must derive from it, and no public name leads to it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from numba import types as numba_types
 extending: Any = numba_extending
 typeof: Any = numba.typeof
 types: Any = numba_types
-# `infer_getattr` demands this class, which `numba.extending` does not export.
+# `infer_getattr` demands this class; no public name leads to it.
 AttributeTemplate: Any = numba.core.typing.templates.AttributeTemplate
 
 WORD = 8

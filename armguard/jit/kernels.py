@@ -1,8 +1,11 @@
 """Compiled kernels: serial functions with NumPy's error model, cached on disk.
 
-Numba's public interface compiles all of them. With versions of Numba that it was tested with, the
-module `fast_path` compiles them instead: its machine code gives the same results to the bit, but is
-made in less than half the time. `ARMGUARD_JIT=plain` in the environment turns that off.
+Numba's public interface compiles all of them. Two names in `numba.core` are used beside it, because
+no public name leads to them: the lock of Numba's compiler here, and a class in `handle`.
+
+With versions of Numba that it was tested with, the module `fast_path` compiles them instead: its
+machine code gives the same results to the bit, but is made in less than half the time.
+`ARMGUARD_JIT=plain` in the environment turns that off.
 """
 
 from __future__ import annotations
@@ -18,12 +21,15 @@ from typing import Any
 import numba
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.compile_lock import hold_compile_lock
 from armguard.jit.kernel_folder import find_cache
 from armguard.jit.progress import follow
 
 # Numba's functions are untyped: they are called as anything is.
 config: Any = numba.config
 njit: Any = numba.njit
+# What Numba holds while it compiles; no public name leads to it.
+global_compiler_lock: Any = numba.core.compiler_lock.global_compiler_lock
 
 OLDEST_TESTED, NEWEST_TESTED = (0, 63), (0, 68)
 """Versions of Numba that the fast path was tested with. It uses private parts of Numba, and another
@@ -103,13 +109,15 @@ def separate_kernel(function: Any) -> Any:
 
 
 def _make_plain(function: Any, options: dict[str, Any]) -> Any:
-    """A kernel by Numba's public interface alone, with Numba's own cache.
+    """A kernel by Numba's public interface, with Numba's own cache, in a folder for it alone.
 
     Args:
         function: What to compile.
         options: Further options of `numba.njit`.
     """
-    folder = find_cache(Path(function.__code__.co_filename)) / "plain"
+    place = find_cache(Path(function.__code__.co_filename)) / "plain"
+    name = f"{function.__name__}-{function.__code__.co_firstlineno}"
+    folder, lock = place / name, place / f"{name}.lock"
     with contextlib.suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     before = config.CACHE_DIR
@@ -122,17 +130,22 @@ def _make_plain(function: Any, options: dict[str, Any]) -> Any:
         config.CACHE_DIR = before
     compile_at_once = compiled.compile
 
-    def compile_anyway(kinds: Any) -> Any:
-        try:
-            return compile_at_once(kinds)
-        except numba.TypingError:
-            raise
-        except Exception:  # a damaged file can raise anything, and so can a disk that is full
+    def compile_alone(kinds: Any) -> Any:
+        # Numba's lock first: then no thread waits for a file that another one has locked.
+        with global_compiler_lock, hold_compile_lock(lock):
+            try:
+                compile_at_once(kinds)
+            except numba.TypingError:
+                raise
+            except Exception:  # a damaged file can raise anything, and so can a disk that is full
+                pass
             if kinds in compiled.overloads:
                 return compiled.overloads[kinds].entry_point
+            # Nothing was read, or code for other arguments: two processes that save at once without
+            # a lock can leave an index that names each other's files.
             shutil.rmtree(folder, ignore_errors=True)
             return compile_at_once(kinds)
 
-    compiled.compile = compile_anyway
+    compiled.compile = compile_alone
     follow(compiled)
     return compiled

@@ -46,10 +46,13 @@ def holder(tmp_path):
         process.kill()
 
 
-@pytest.mark.skipif(not IS_FAST, reason="this process does not use the fast path")
-def test_processes_that_start_at_once_compile_each_kernel_once(tmp_path):
+@pytest.mark.parametrize("jit", ["", "plain"])
+def test_processes_that_start_at_once_compile_each_kernel_once(tmp_path, jit):
+    if not jit and not IS_FAST:
+        pytest.skip("this process does not use the fast path")
     (tmp_path / "program.py").write_text(COMPILER)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {**os.environ, **cache, "ARMGUARD_JIT": jit}
     processes = [
         subprocess.Popen(
             [sys.executable, str(tmp_path / "program.py")],

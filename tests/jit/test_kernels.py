@@ -1,6 +1,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 
@@ -30,14 +31,20 @@ def test_the_fast_path_is_for_tested_versions_of_numba_that_nobody_has_forbidden
 
 def test_one_module_has_private_parts_of_numba_and_every_kernel_is_compiled_by_this_room():
     private = re.compile(r"^\s*(from|import) (numba\.|llvmlite)", re.MULTILINE)
-    found = set()
+    by_attribute = re.compile(r"\bnumba\.core\.[\w.]+")
+    found, reached = set(), []
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text()
+        reached += by_attribute.findall(text) if path.name != "fast_path.py" else []
         if private.search(text):
             found.add(path.name)
         if path.parent.name != "jit":
             assert "njit" not in text, f"{path}: use armguard.jit.kernel"
     assert found == {"fast_path.py"}
+    assert sorted(reached) == [
+        "numba.core.compiler_lock.global_compiler_lock",
+        "numba.core.typing.templates.AttributeTemplate",
+    ]
 
 
 def test_kernels_divide_as_numpy_does_and_keep_nan():
@@ -180,6 +187,21 @@ def test_files_that_are_cut_short_are_written_anew(program, jit, length):
     assert damaged
     assert run(program, jit) == ["3.0", "0"]
     assert run(program, jit) == ["3.0", "1"]
+
+
+@pytest.mark.parametrize("call", ["lib.first", "machine_code(lib.first, (3.0, 1))"])
+def test_code_for_other_arguments_in_the_files_of_these_is_not_run(program, call):
+    """So two processes leave Numba's files that save a kernel's first code at once."""
+    other = program.folder / "other"
+    assert run(program, "plain") == ["3.0", "0"]
+    assert run(program, "plain", content="(3, 1)", NUMBA_CACHE_DIR=str(other)) == ["3", "0"]
+    swapped = list(other.rglob("*first*.nbc"))
+    assert swapped
+    for path in swapped:
+        shutil.copy(path, program.cache / path.relative_to(other))
+    before = f"import lib\nfrom armguard.jit.handle import machine_code\nlib.run = {call}\n"
+    assert run(program, "plain", before=before + "print(lib.run((3.0, 1)))")[0] == "3.0"
+    assert run(program, "plain") == ["3.0", "1"]
 
 
 @BOTH
