@@ -29,7 +29,14 @@ def main() -> int:
     is_heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if is_heeded:
         signal.signal(signal.SIGINT, end_at_once)
-    from armguard.app.cli import main as run_command
+    try:
+        from armguard.app.cli import main as run_command
+    except Exception as error:
+        # A variable of the environment is wrong: to import the exceptions by name raises as well.
+        if type(error).__module__ != "armguard.exceptions":
+            raise
+        sys.stderr.write(f"armguard: {error}\n")
+        return 2
 
     try:
         if is_heeded:

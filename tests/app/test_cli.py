@@ -182,6 +182,17 @@ def test_an_interrupt_ends_the_demo_with_its_summary(send, options):
     assert not find_processes(mark), "nobody stays behind"
 
 
+def test_a_misspelt_variable_is_one_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "armguard_command", "robots"],
+        env=os.environ | {"ARMGUARD_JIT": "Plain"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert re.fullmatch(r"armguard: ARMGUARD_JIT: is 'Plain'[^\n]+\n", done.stderr)
+
+
 def find_processes(mark):
     """Numbers of the processes that have `mark` in the environment they were started with."""
     found = []
