@@ -206,7 +206,7 @@ def test_start_works_in_the_environment_that_it_makes(checkout):
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert list((checkout / "commissioned").glob("*.png"))
+    assert (checkout / "commissioned" / "cell-lines.toml").exists()
 
 
 @contextlib.contextmanager
