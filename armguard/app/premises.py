@@ -1,7 +1,7 @@
-"""What every verdict rests on: the premises that a run prints, in a line each.
+"""The premises that every verdict rests on; a run prints each in a line.
 
-A CLEAR is a proof, and a proof has premises. armguard checks what it can of them; the rest is up to
-whoever builds the cell. docs/safety.md explains each.
+A CLEAR is a proof, and a proof has premises. armguard checks those that it can. The builder of the
+cell must ensure the others. docs/safety.md explains each.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def replay_own(wishes: cli.Replay) -> int:
 
 
 def replay_bag(wishes: cli.Replay) -> int:
-    """As `replay`: a cell's monitor is led through a recording of others."""
+    """Replay a recording of other software through a cell's monitor; returns the exit code."""
     if wishes.record is not None:
         check_new(wishes.record)
     assert wishes.cell is not None, "checked"

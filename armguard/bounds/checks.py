@@ -1,4 +1,4 @@
-"""What questions to motion models must be, and arrays that nobody else can write to."""
+"""Checks of the questions that motion models are asked, and read-only views of arrays."""
 
 from __future__ import annotations
 

@@ -245,7 +245,7 @@ def stays_within(
     slope_error: FloatArray,
     box: JointBox,
 ) -> bool:
-    """Whether a point is surely displaced along n by less than `room`, in [m].
+    """Whether the displacement of a point along n is proved to be less than `room`, in [m].
 
     The other arguments are those of `displacement_in_box`, whose cheaper half is tried first.
     """

@@ -142,6 +142,22 @@ def test_both_bounds_hold_for_a_point_that_turns_about_one_axis(count, error, sp
     assert spread or max(closest.values()) < 0.02 + 5.0 * count * error
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_position_errors_count_in_the_terms_of_third_order(count):
+    """R (|D| + s dq) products, averaged along the path: D D dq / 2 and D dq dq / 2 in all."""
+    size, error, ones = 0.2, 0.05, np.ones(count)
+    jacobian = np.vstack([np.zeros((5, count)), ones])
+    found = []
+    for each in (0.0, error):
+        box = make_box(np.ones(count, dtype=bool), each * ones)
+        box.span[:] = size * ones, -size * ones, size * ones
+        set_columns(1.0, 0.0, 0.0, jacobian, box)
+        given = (0.0, 1.0, 0.0), jacobian, ones, 0.0 * ones, box
+        found.append(_displacement_by_second_derivatives(*given))
+    least = count**3 * (0.5 * size * size * error + 0.5 * size * error * error)
+    assert found[1] - found[0] >= least * (1.0 - 1e-9)
+
+
 def test_an_empty_box_moves_nothing_and_nan_has_no_bound(question):
     random, nothing = np.random.default_rng(1), np.zeros(question.model.nv)
     assert 0.0 <= question.draw(random, nothing, nothing) < 1e-10

@@ -227,6 +227,6 @@ def _enclose_balls(balls: FloatArray, ball: FloatArray) -> None:
         reach = math.sqrt(x * x + y * y + z * z) + balls[k, 3]
         radius = max(radius, reach)
         checked += reach
-    # The greatest of some numbers may pass over one that is none.
+    # `max` may pass over a NaN; the sum does not.
     ball[3] = radius if checked < math.inf else math.inf
     ball[3] += SUM_ROUNDING * (abs(ball[0]) + abs(ball[1]) + abs(ball[2]) + abs(ball[3]))

@@ -32,7 +32,7 @@ USUAL = frozenset(
 """What verdicts rest on where nothing is wrong."""
 
 
-class Heard(NamedTuple):
+class VerdictChange(NamedTuple):
     """A verdict that says something else than the one before it."""
 
     time: float
@@ -54,9 +54,9 @@ class VerdictLog:
     """
 
     def __init__(self, address: str) -> None:
-        self.heard: list[Heard] = []
+        self.heard: list[VerdictChange] = []
         self.missing: list[tuple[float, int]] = []
-        """When verdicts were found not to have been heard, in [s], and how many, by their numbers.
+        """Gaps in the numbers of verdicts: when each was noticed, in [s], and how many are missing.
         """
         self.last_time = -float("inf")
         """When a verdict was heard last."""
@@ -110,7 +110,7 @@ class VerdictLog:
         self._sequence = verdict.sequence
         self.last_time = now
         reasons = tuple(reason for reason in verdict.reasons if reason.kind not in USUAL)
-        fresh = Heard(now, verdict.level, reasons)
+        fresh = VerdictChange(now, verdict.level, reasons)
         before = self.heard[-1] if self.heard else None
         if before is None or (fresh.level, fresh.kinds) != (before.level, before.kinds):
             self.heard.append(fresh)

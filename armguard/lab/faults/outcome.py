@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.lab.faults.catalogue import SILENCE, Fault
-from armguard.lab.faults.listening import Heard
+from armguard.lab.faults.listening import VerdictChange
 from armguard.lab.faults.truth import Closest
 from armguard.verdict import ReasonKind
 
@@ -78,7 +78,7 @@ def find_detection(
     fault: Fault,
     begin: float,
     end: float,
-    heard: Sequence[Heard],
+    heard: Sequence[VerdictChange],
     lines: Sequence[tuple[float, str]],
     truth: Array,
 ) -> Detection | None:
@@ -115,6 +115,6 @@ def find_detection(
     return min(found, default=None)
 
 
-def _level_at(heard: Sequence[Heard], time: float) -> str:
+def _level_at(heard: Sequence[VerdictChange], time: float) -> str:
     """The level of the verdict that was in force."""
     return next((one.level.name for one in reversed(heard) if one.time <= time), "none")

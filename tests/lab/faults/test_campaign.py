@@ -8,7 +8,7 @@ import pytest
 from armguard.lab.faults import campaign
 from armguard.lab.faults.campaign import Trial, make_trial, place_bodies, run_campaign
 from armguard.lab.faults.catalogue import DEFAULT_DURATION, Fault, choose_faults
-from armguard.lab.faults.listening import Heard
+from armguard.lab.faults.listening import VerdictChange
 from armguard.lab.faults.scene import sample_people, sample_pillar
 from armguard.verdict import Level, Reason, ReasonKind
 
@@ -43,7 +43,7 @@ class StoppedCell:
     def __init__(self, *latched):
         self.start = time.monotonic()
         self.verdicts = self
-        self.heard = [Heard(0.0, Level.CLEAR, ())]
+        self.heard = [VerdictChange(0.0, Level.CLEAR, ())]
         self._latched = latched
 
     @property
@@ -58,13 +58,13 @@ class StoppedCell:
 
     def strike(self, fault, begin):
         reasons = tuple(Reason(kind) for kind in self._latched)
-        return lambda: self.heard.append(Heard(time.monotonic(), Level.STOP, reasons))
+        return lambda: self.heard.append(VerdictChange(time.monotonic(), Level.STOP, reasons))
 
     def is_moving(self):
         return True
 
     def reset(self):
-        self.heard.append(Heard(time.monotonic(), Level.CLEAR, ()))
+        self.heard.append(VerdictChange(time.monotonic(), Level.CLEAR, ()))
 
 
 def test_a_reset_of_what_is_no_sign_of_a_fault_says_what_it_was_for():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.lab.faults.catalogue import Fault
-from armguard.lab.faults.listening import Heard
+from armguard.lab.faults.listening import VerdictChange
 from armguard.lab.faults.outcome import Detection, Outcome, find_detection
 from armguard.lab.faults.truth import Closest
 from armguard.verdict import Level, Reason, ReasonKind
@@ -10,8 +10,8 @@ from armguard.verdict import Level, Reason, ReasonKind
 GAP = Reason(ReasonKind.JOINT_STATE_GAP, "joint states")
 FAULT = Fault("dropout", "camera", "disturb", ("SOURCE_SILENT", "lost:", "silence"))
 HEARD = [
-    Heard(0.0, Level.CLEAR, ()),
-    Heard(1.5, Level.STOP, (GAP, Reason(ReasonKind.SOURCE_SILENT, "camera"))),
+    VerdictChange(0.0, Level.CLEAR, ()),
+    VerdictChange(1.5, Level.STOP, (GAP, Reason(ReasonKind.SOURCE_SILENT, "camera"))),
 ]
 LINES = [(1.4, "armguard: 12:00:00.000 lost: camera message 3")]
 TRUTH = np.zeros((3, 17))
