@@ -61,6 +61,12 @@ class ReasonKind(enum.Enum):
         "Nothing is wrong: this pair is what the level rests on. `monitor.explain()` and "
         "`armguard replay --explain` say what would buy time.",
     )
+    CONTACT_ALLOWED = (
+        "contact within its limit",
+        Effect.NOTE,
+        "Nothing, if this contact is permitted; else remove the limit from the contact limits "
+        "(docs/contact_limits.md).",
+    )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
@@ -227,6 +233,18 @@ class ReasonKind(enum.Enum):
         Effect.NOTE,
         "Nothing, if the exemption is over. If it is to hold, see what the detail says: give it "
         "more time, or a zone that holds all that the obstacle may do until the arm rests.",
+    )
+    IN_CONTACT = (
+        "in contact",
+        Effect.STANDING,
+        "Wait until the person has drawn back, or move the link away from the person; the arm "
+        "then goes on.",
+    )
+    MOVED_BY_CONTACT = (
+        "contact moved a joint",
+        Effect.STANDING,
+        "The contact was harder than brakes or tracking allow for: see what the arm touched, and "
+        "whether the stated errors of tracking are right. It ends once joints keep their limits.",
     )
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
@@ -411,6 +429,13 @@ class Verdict(NamedTuple):
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
     held: Held | None = None
     """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
+    harm_time: float = 0.0
+    """Earliest possible contact that no contact limit permits, counted from `now`, in [s]; the
+    contact time where no limits are stated, 0 where unknown."""
+    contact_speed: float | None = None
+    """Greatest speed in [m/s] at which an obstacle could be touched before the arm rests, were the
+    next verdict a STOP; 0 where no contact is possible by then, inf where nothing is proved. None
+    where no contact limits are stated."""
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"

@@ -17,9 +17,8 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.checks import check_duration
-from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint import JointSpaceMotion
-from armguard.bounds.joint_table import JointTable, set_span
+from armguard.bounds.joint_table import JointTable, fill_table, set_span
 from armguard.bounds.limits import JointLimits, check_state, find_flaw, refuse_flaw
 from armguard.bounds.sums import sum_levers, sum_second_order
 from armguard.exceptions import ArmguardError
@@ -71,6 +70,7 @@ class BrakingMotion(JointSpaceMotion):
         base_placement: pinocchio.SE3 | None = None,
         *,
         operating: OperatingLimits | LimitsInForce | None = None,
+        with_velocities: bool = False,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -79,12 +79,15 @@ class BrakingMotion(JointSpaceMotion):
             reaction_time: From command to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             operating: What joints keep to until they brake; None: the robot's limits.
+            with_velocities: Whether the table is to have velocities as well.
 
         Raises:
             ArmguardError: The reaction time is negative or not finite, a limit of the robot is
                 missing or unusable, or operating limits do not fit it.
         """
-        super().__init__(robot, base_placement, operating=operating)
+        super().__init__(
+            robot, base_placement, operating=operating, with_velocities=with_velocities
+        )
         self.reaction_time = self.free_time = check_duration("reaction_time", reaction_time)
         # Both are asked in most ticks: to hand over all arrays would take longer than the answer,
         # and so would to find out for each call what it is called with.
@@ -257,10 +260,7 @@ def _tabulate(
     if flaw >= 0:
         return flaw
     _spread_nodes(velocity, age, free, paced, table.time)
-    fill_displacements(
-        q, velocity, age, max(age, 0.0) + free, paced,
-        table.time, table.high, table.low, table.highest, table.lowest,
-    )  # fmt: skip
+    fill_table(q, velocity, age, max(age, 0.0) + free, paced, table)
     if pace < 1.0 and age > 0.0:
         # Until now a joint kept to its limits alone: what that adds to where it can be.
         for j in range(v.shape[0]):

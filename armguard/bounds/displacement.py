@@ -29,7 +29,7 @@ from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.robot.brakes import BrakeCurves, Stop, braked_displacement, find_stop
+from armguard.robot.brakes import BrakeCurves, Stop, braked_displacement, find_stop, rest_time
 
 
 @kernel
@@ -134,6 +134,107 @@ def brake(velocity: float, accel: float, stop: Stop, s: float) -> float:
 
 
 @kernel
+def reached_velocity(
+    velocity: float, accel: float, speeding: float, top: float, below: float, s: float
+) -> float:
+    """Greatest velocity that a free joint can have `s` >= 0 seconds after its stamp.
+
+    Arguments as for `rise`.
+    """
+    reached = operating_velocity(velocity, accel, speeding, top, s)
+    if s > below:
+        # It may have come to rest at its stop, and have been thrown back from there.
+        reached = max(reached, min(top, accel * (s - below)))
+    return reached
+
+
+@kernel
+def _braked_velocity(speed: float, stop: Stop, s: float) -> float:
+    """Greatest velocity `s` seconds after brakes engaged at a velocity of at most `speed`."""
+    if not speed > 0.0 or s >= rest_time(stop, speed) * (1.0 + SUM_ROUNDING):
+        return 0.0
+    return max(speed - stop.deceleration * s, 0.0)
+
+
+@kernel
+def _find_velocity(
+    velocity: float,
+    accel: float,
+    speeding: float,
+    top: float,
+    below: float,
+    age: float,
+    free: float,
+    at_bite: float,
+    stop: Stop,
+    s: float,
+) -> float:
+    """Greatest velocity over the time that a node stands for, rounded up; see `fill_velocities`."""
+    if free == math.inf:
+        # From now until the node.
+        greatest = top
+        if age >= 0.0:
+            greatest = reached_velocity(velocity, accel, speeding, top, below, s)
+    elif s < 0.0:
+        greatest = top
+    elif s <= free:
+        greatest = max(at_bite, 0.0)
+    else:
+        greatest = _braked_velocity(at_bite, stop, s - free)
+    return greatest + SUM_ROUNDING * top if greatest != 0.0 else 0.0
+
+
+@kernel
+def fill_velocities(
+    q: FloatArray,
+    v: FloatArray,
+    age: float,
+    free: float,
+    limits: JointLimits,
+    time: FloatArray,
+    fastest: FloatArray,
+    slowest: FloatArray,
+) -> None:
+    """Fill the greatest and least velocities of joints that are free for a time, and then brake.
+
+    Where joints brake, a node stands for all times from its own on until they rest. Where they
+    never do, it stands for all times from now up to its own.
+
+    Args:
+        q: Measured joint positions, in [rad] or [m]. Shape (nv,).
+        v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        age: Now minus the stamp of the state, in [s].
+        free: From the stamp until brakes engage at the latest, in [s]; inf: never.
+        limits: Of the joints.
+        time: Of the nodes, from now, in [s]. Shape (nodes,).
+        fastest: Filled, in [rad]/[s] or [m]/[s]. Shape (nodes, nv).
+        slowest: Filled, alike.
+    """
+    for j in range(q.shape[0]):
+        accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
+        top = max(limits.operating_velocity[j], abs(v[j]))
+        up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
+        error = limits.position_error[j]
+        room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
+        above = operating_arrival(up, accel, speeding, top, room_above)
+        below = operating_arrival(down, accel, speeding, top, room_below)
+        up_bite, down_bite, up_stop, down_stop = 0.0, 0.0, Stop(0.0, 0.0, 0.0), Stop(0.0, 0.0, 0.0)
+        if free < math.inf:
+            up_bite = reached_velocity(up, accel, speeding, top, below, free)
+            down_bite = reached_velocity(down, accel, speeding, top, above, free)
+            up_stop = find_stop(limits.brakes, j, up_bite)
+            down_stop = find_stop(limits.brakes, j, down_bite)
+        for k in range(time.shape[0]):
+            s = age + time[k]
+            fastest[k, j] = _find_velocity(
+                up, accel, speeding, top, below, age, free, up_bite, up_stop, s
+            )
+            slowest[k, j] = -_find_velocity(
+                down, accel, speeding, top, above, age, free, down_bite, down_stop, s
+            )
+
+
+@kernel
 def _find_braking(
     velocity: float,
     accel: float,
@@ -145,10 +246,7 @@ def _find_braking(
     free: float,
 ) -> tuple[float, Stop]:
     """Greatest velocity that a joint can have `free` seconds after its stamp, and its stop then."""
-    reached = operating_velocity(velocity, accel, speeding, top, free)
-    if free > below:
-        # It may have come to rest at its stop, and have been thrown back from there.
-        reached = max(reached, min(top, accel * (free - below)))
+    reached = reached_velocity(velocity, accel, speeding, top, below, free)
     return reached, find_stop(brakes, joint, reached)
 
 

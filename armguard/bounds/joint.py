@@ -6,9 +6,8 @@ import numpy as np
 import pinocchio
 
 from armguard.bounds.checks import read_only
-from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.joint_box import displacement_in_box, set_columns
-from armguard.bounds.joint_table import JointTable, make_table, set_span
+from armguard.bounds.joint_table import JointTable, fill_table, make_table, set_span
 from armguard.bounds.limits import read_limits, refuse_beyond
 from armguard.bounds.model import MotionModel, Question
 from armguard.bounds.sums import (
@@ -54,6 +53,7 @@ class JointSpaceMotion(MotionModel):
         base_placement: pinocchio.SE3 | None = None,
         *,
         operating: OperatingLimits | LimitsInForce | None = None,
+        with_velocities: bool = False,
     ) -> None:
         """Compute the levers of all spheres.
 
@@ -61,6 +61,7 @@ class JointSpaceMotion(MotionModel):
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
             operating: What joints keep to while the arm works; None: the robot's limits.
+            with_velocities: Whether the table is to have velocities as well.
 
         Raises:
             ArmguardError: A limit of the robot is missing or unusable, or operating limits do not
@@ -80,7 +81,7 @@ class JointSpaceMotion(MotionModel):
         )
         self.slope_error = read_only(slope_error)
         self.position_error = read_only(sum_levers(self.lever, robot.position_error))
-        self.table = self._make_table(self.times.copy())
+        self.table = self._make_table(self.times.copy(), with_velocities=with_velocities)
 
     def _bound(self, question: Question) -> float:
         robot, t = self._robot, question.t
@@ -98,16 +99,19 @@ class JointSpaceMotion(MotionModel):
         lever, along = question.lever[0], question.along
         return float(_largest_displacement(along, place, jacobian, lever, slope_error[0], table))
 
-    def _make_table(self, time: FloatArray) -> JointTable:
-        return make_table(time, self._turning, self.limits.position_error, self.interpolates)
+    def _make_table(self, time: FloatArray, *, with_velocities: bool = False) -> JointTable:
+        return make_table(
+            time,
+            self._turning,
+            self.limits.position_error,
+            interpolates=self.interpolates,
+            with_velocities=with_velocities,
+        )
 
     def _fill(
         self, q: FloatArray, v: FloatArray, age: float, free: float, table: JointTable
     ) -> None:
-        fill_displacements(
-            q, v, age, free, self.limits,
-            table.time, table.high, table.low, table.highest, table.lowest,
-        )  # fmt: skip
+        fill_table(q, v, age, free, self.limits, table)
 
     def _check_shapes(self, q: FloatArray, v: FloatArray, age: float) -> None:
         """Refuse what no table can be filled for, whatever the limits."""

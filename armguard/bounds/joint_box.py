@@ -61,6 +61,10 @@ class JointBox(NamedTuple):
     """Room to work in: second derivatives h_ij along it, in [m]. Shape (nv, nv)."""
     ends: FloatArray
     """Room to work in: the part of `span` where they are greatest, as there. Shape (2, nv)."""
+    forth: FloatArray
+    """Room to work in: how far joints can go, in [rad] or [m]. Shape (nv,)."""
+    back: FloatArray
+    """Room to work in: the same the other way, negative. Shape (nv,)."""
 
 
 def make_box(turning: BoolArray, position_error: FloatArray) -> JointBox:
@@ -74,6 +78,8 @@ def make_box(turning: BoolArray, position_error: FloatArray) -> JointBox:
         slope=np.zeros(count),
         second=np.zeros((count, count)),
         ends=np.zeros((2, count)),
+        forth=np.zeros(count),
+        back=np.zeros(count),
     )
 
 

@@ -1,5 +1,7 @@
 """Where joints that are free, or brake, can be over time: ranges of displacements at a few nodes.
 
+Where contact limits are stated there are ranges of velocities as well, see `fill_velocities`.
+
 The range over a time interval is that of its ends: `high` falls and then rises, `low` mirrors it.
 """
 
@@ -9,9 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.displacement import fill_displacements, fill_velocities
 from armguard.bounds.joint_box import JointBox, make_box
+from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import BoolArray, FloatArray
-from armguard.jit.kernels import merged_kernel
+from armguard.jit.kernels import kernel, merged_kernel
 
 
 class JointTable(NamedTuple):
@@ -27,6 +31,11 @@ class JointTable(NamedTuple):
     """What `high` is clipped to. Shape (nv,)."""
     lowest: FloatArray
     """What `low` is clipped to. Shape (nv,)."""
+    fastest: FloatArray
+    """Greatest velocities that each node stands for, in [rad]/[s] or [m]/[s]; without rows where
+    nobody asks for them. Shape (nodes, nv) or (0, nv)."""
+    slowest: FloatArray
+    """Least velocities, alike."""
     interpolates: bool
     """Whether `high` is convex and `low` concave, so that chords between nodes bound them."""
     box: JointBox
@@ -34,19 +43,39 @@ class JointTable(NamedTuple):
 
 
 def make_table(
-    time: FloatArray, turning: BoolArray, position_error: FloatArray, interpolates: bool
+    time: FloatArray,
+    turning: BoolArray,
+    position_error: FloatArray,
+    *,
+    interpolates: bool,
+    with_velocities: bool,
 ) -> JointTable:
     """A table without content."""
     shape = len(time), len(turning)
+    timed = shape if with_velocities else (0, shape[1])
     return JointTable(
         time=time,
         high=np.full(shape, np.inf),
         low=np.full(shape, -np.inf),
         highest=np.full(shape[1], np.inf),
         lowest=np.full(shape[1], -np.inf),
+        fastest=np.full(timed, np.inf),
+        slowest=np.full(timed, -np.inf),
         interpolates=interpolates,
         box=make_box(turning, position_error),
     )
+
+
+@kernel
+def fill_table(
+    q: FloatArray, v: FloatArray, age: float, free: float, limits: JointLimits, table: JointTable
+) -> None:
+    """Fill a table, whose nodes stand for times from now; arguments as for `fill_velocities`."""
+    fill_displacements(
+        q, v, age, free, limits, table.time, table.high, table.low, table.highest, table.lowest
+    )
+    if table.fastest.shape[0] > 0:
+        fill_velocities(q, v, age, free, limits, table.time, table.fastest, table.slowest)
 
 
 @merged_kernel

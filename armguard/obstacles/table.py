@@ -76,6 +76,8 @@ class Marks(NamedTuple):
     """Number of the source that it belongs to. Shape (rows,)."""
     confirmations: IntArray
     """Consecutive samples beside the accepted track that confirm another one. Shape (rows,)."""
+    regions: IntArray
+    """Set of the regions of a body that were stated of it, see `regions`. Shape (rows,)."""
 
 
 class Refusals(NamedTuple):
@@ -164,6 +166,7 @@ class ObstacleTable:
     revision: IntArray
     owner: IntArray
     confirmations: IntArray
+    regions: IntArray
     changed: IntArray
     is_changed: BoolArray
     changed_count: IntArray
@@ -175,7 +178,7 @@ class ObstacleTable:
         self.changed_rows = ChangedRows(
             nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
         )
-        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 4))
+        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 5))
         self.refusals = Refusals(*([np.zeros(0)] * 3))
         self._told = Told(*([np.zeros(0)] * 8))
         self.accepted = make_states(0)
@@ -214,7 +217,7 @@ class ObstacleTable:
         self.alive[row] = True
         self.owner[row] = owner
         forget_spread(self.spreads, row)
-        self.confirmations[row] = self.refused_count[row] = 0
+        self.confirmations[row] = self.refused_count[row] = self.regions[row] = 0
         self._told.since[row] = self._told.broken_until[row] = -np.inf
         self.point_count[row] = 1
         self.reference_states.point_count[row] = 0

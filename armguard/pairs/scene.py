@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds.displacement import fill_displacements
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
-from armguard.bounds.joint_table import JointTable
+from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
@@ -108,8 +107,4 @@ def prepare_arm(scene: Scene, q: FloatArray, v: FloatArray, age: float) -> None:
     move_spheres(scene.placement, v)
     fill_velocity_errors(v, scene.velocity_errors)
     if scene.settings.with_joints:
-        table = scene.table
-        fill_displacements(
-            q, v, age, np.inf, scene.limits,
-            table.time, table.high, table.low, table.highest, table.lowest,
-        )  # fmt: skip
+        fill_table(q, v, age, np.inf, scene.limits, scene.table)

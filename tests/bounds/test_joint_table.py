@@ -6,14 +6,26 @@ from armguard.bounds.joint_table import make_table, set_span
 
 @pytest.fixture
 def table():
-    table = make_table(np.array([0.0, 1.0]), np.array([True, True]), np.zeros(2), True)
+    table = make_table(
+        np.array([0.0, 1.0]),
+        np.array([True, True]),
+        np.zeros(2),
+        interpolates=True,
+        with_velocities=False,
+    )
     table.high[:] = [[0.0, 1.0], [2.0, 1.5]]
     table.low[:] = [[0.0, -1.0], [-4.0, -0.5]]
     return table
 
 
 def test_a_table_without_content_allows_everything():
-    table = make_table(np.array([0.0, 1.0]), np.array([True]), np.zeros(1), True)
+    table = make_table(
+        np.array([0.0, 1.0]),
+        np.array([True]),
+        np.zeros(1),
+        interpolates=True,
+        with_velocities=False,
+    )
     set_span(table, 0, 0, 1.0)
     assert table.box.span.tolist() == [[np.inf], [-np.inf], [np.inf]]
 

@@ -18,7 +18,7 @@ ROW, PLACE = 2, 5
 
 def marks_of(*, has_state):
     flags = [np.zeros(4, dtype=bool) for _ in range(5)]
-    marks = Marks(*flags, *(np.zeros(4, dtype=np.int64) for _ in range(4)))
+    marks = Marks(*flags, *(np.zeros(4, dtype=np.int64) for _ in range(5)))
     marks.has_state[ROW] = has_state
     return marks
 
