@@ -104,6 +104,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     fitted no obstacle yet is a STOP that names it. With a third element, the name of one of the
     obstacles' sources, only what that source reports is ignored, and may come later:
     ("panda_hand", "workpiece*", "camera")."""
+    contact_limits: Annotated[object, OWN_PLACE] = None
     separation: Annotated[SeparationRule | None, OWN_PLACE] = None
     """Attach to each verdict the margin of the speed-and-separation distance by this rule; it
     evaluates every pair in every tick."""
