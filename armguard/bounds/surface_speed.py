@@ -111,7 +111,7 @@ def _speed_from(
 
 
 @kernel
-def _way_from(
+def way_from(
     sphere: ArmSphere, radius: float, moves: BoolArray, table: JointTable, node: int
 ) -> float:
     """Bound on how far they can still go from then on, in [m]."""
@@ -150,7 +150,7 @@ def _is_harmless_from(
     speed = _speed_from(sphere, radius, moves, table, node)
     if not speed <= max_speed:
         return False
-    return max_way == math.inf or _way_from(sphere, radius, moves, table, node) <= max_way
+    return max_way == math.inf or way_from(sphere, radius, moves, table, node) <= max_way
 
 
 @kernel

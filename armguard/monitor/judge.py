@@ -232,13 +232,15 @@ class Judge:
         Args:
             stamp: Of the joint state, in [s]; it may be no number.
             tick: The tick, whose arm may never stop.
-            reason: What there is against the joint state; it is latched.
+            reason: What there is against the joint state; it is latched if it is of a kind that is.
             since: When that was, in words.
         """
         if self.pieces is not None:
             self.pieces.reset()
         self.certificate_inputs = None
-        self._rule.latch(reason, since)
+        latches = reason.kind.effect is Effect.LATCHED
+        if latches:
+            self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, STOP, complete=False, standing=True)
         self._rising.give(tick.now, 0.0)
         return self._make_verdict(
@@ -249,7 +251,7 @@ class Judge:
             0.0,
             NOBODY,
             0,
-            [],
+            [] if latches else [reason],
             complete=False,
             harm_time=0.0,
             contact_speed=self._find_contact_speed(None, level),
