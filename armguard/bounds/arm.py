@@ -31,6 +31,7 @@ class ArmMotion:
         with_joints: Whether joint and braking bounds are to be used.
         with_plans: Whether plans are to be judged.
         in_force: What joints keep to while the arm works, shared; None: the robot's limits.
+        with_velocities: Whether tables are to have velocities, as contact limits need.
 
     Attributes:
         isotropic: Spheres as free bodies.
@@ -52,11 +53,20 @@ class ArmMotion:
         with_joints: bool = True,
         with_plans: bool = False,
         in_force: LimitsInForce | None = None,
+        with_velocities: bool = False,
     ) -> None:
         self.isotropic = IsotropicMotion(robot, base_placement, operating=in_force)
         self.reach = ReachMotion(robot, base_placement)
-        self.joint = JointMotion(robot, base_placement, operating=in_force)
-        self.braking = BrakingMotion(robot, reaction_time, base_placement, operating=in_force)
+        self.joint = JointMotion(
+            robot, base_placement, operating=in_force, with_velocities=with_velocities
+        )
+        self.braking = BrakingMotion(
+            robot,
+            reaction_time,
+            base_placement,
+            operating=in_force,
+            with_velocities=with_velocities,
+        )
         self.planned: PlannedMotion | None = None
         if with_plans:
             from armguard.bounds.planned.motion import PlannedMotion

@@ -152,15 +152,33 @@ def is_usable(hull: Hull, contact_distance: float) -> bool:
 
 
 @kernel
-def is_free_to_end(
+def is_free_at_once(
     sphere: ArmSphere, table: JointTable, hull: Hull, contact_distance: float
 ) -> bool:
-    """Whether a sphere of the arm and a rounded hull surely do not touch before the table ends.
+    """Whether one direction proves that both do not touch before the table ends.
 
-    The end is when an arm that brakes has come to rest. Both can be farthest from where they are
-    now in the end, so nearly always the direction for the end proves the whole time at once. And
-    it is the direction of every interval up to the end: what it does not prove of the last step it
-    proves of no longer one, so that no search would get there. (A table that interpolates has
+    Arguments as for `is_free_until`, which may prove what this does not.
+    """
+    nodes = table.time.shape[0] - 1
+    are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
+    if not (is_usable(hull, contact_distance) and are_finite):
+        return False
+    normal = _aim(sphere, table, nodes, hull)
+    interval = 0, nodes, 1.0
+    found: bool = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
+    return found
+
+
+@kernel
+def is_free_until(
+    sphere: ArmSphere, table: JointTable, hull: Hull, contact_distance: float, last: int
+) -> bool:
+    """Whether a sphere of the arm and a rounded hull surely do not touch before a node's time.
+
+    The last node is when an arm that brakes has come to rest. Both can be farthest from where they
+    are now in the end, so nearly always the direction for the end proves the whole time at once.
+    And it is the direction of every interval up to the end: what it does not prove of the last step
+    it proves of no longer one, so that no search would get there. (A table that interpolates has
     parts of steps, which end before.) Between the two, `table_contact_time` searches: what that
     proves is proved here.
 
@@ -169,19 +187,20 @@ def is_free_to_end(
         table: What the motion's `tabulate` filled for this tick.
         hull: The other; speeds and accelerations may be infinite.
         contact_distance: Both radii, margin and position errors, the arm's included, in [m].
+        last: Number of the node, above 0.
     """
-    nodes = table.time.shape[0] - 1
     are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
     if not (is_usable(hull, contact_distance) and are_finite):
         return False
-    normal = _aim(sphere, table, nodes, hull)
-    for first in (0, nodes - 1):
-        interval = first, nodes, 1.0
+    normal = _aim(sphere, table, last, hull)
+    for first in (0, last - 1):
+        interval = first, last, 1.0
         is_free = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
         if is_free == (first == 0):
             return is_free
-    reached = table_contact_time(sphere, table, hull, contact_distance, 0.0, math.inf)
-    return reached >= table.time[nodes] * (1.0 - TABLE_END_SLACK)
+    end = table.time[last] * (1.0 - TABLE_END_SLACK)
+    enough = math.inf if last == table.time.shape[0] - 1 else end
+    return table_contact_time(sphere, table, hull, contact_distance, 0.0, enough) >= end
 
 
 @separate_kernel

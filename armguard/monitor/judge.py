@@ -16,7 +16,7 @@ from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import Scheduler, Tick, TickResult
+from armguard.scheduling.scheduler import PermittedContact, Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.settings import Settings
 from armguard.verdict import (
@@ -93,6 +93,7 @@ class Judge:
 
             self._separation = SeparationMargin(settings.separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
+        self._contact_limits = settings.contact_limits
         self._late_data = LateData(
             scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
         )
@@ -127,6 +128,11 @@ class Judge:
             pair, contact_time = NOBODY, 0.0
         elif not contact_time > 0.0:
             contact_time = 0.0
+        # The soonest contact that is not permitted.
+        harm_pair, harm_time = pair, contact_time
+        if self._contact_limits is not None and not unplaced:
+            harm_pair, harm_expiry = self._scheduler.find_harm()
+            harm_time = max(harm_expiry - tick.time, contact_time)
         standing = bool(reasons) and any(
             reason.kind.effect is Effect.STANDING for reason in reasons
         )
@@ -137,7 +143,7 @@ class Judge:
         # On a piece that is proved safe to its end, the arm rests whatever verdicts say.
         is_proved = pieces is not None and pieces.is_proved
         stop_time = tick.stop_time
-        matters = not (overdue or standing or unplaced or contact_time > stop_time)
+        matters = not (overdue or standing or unplaced or harm_time > stop_time)
         # What was decided about in this tick is not overdue, though its certificate has ended.
         is_decided = (
             matters
@@ -153,10 +159,16 @@ class Judge:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
             standing = True
         proved = None
-        earned = rule.grade(contact_time, stop_time, rests=rests)
+        earned = rule.grade(harm_time, stop_time, rests=rests)
+        permitted = None
+        if self._contact_limits is not None and earned is not STOP and not is_proved:
+            within = stop_time if earned is not SLOW else max(stop_time, tick.late_stop_time)
+            permitted = self._scheduler.find_permitted_contact(tick, within)
+            if permitted.pair != NOBODY and earned is CLEAR:
+                earned = AWARE
         may_slow = earned is SLOW and not (standing or rule.latched or rule.holds_stop(tick.now))
         if may_slow:
-            proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
+            proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
         level, held = rule.decide(
             tick.now,
             # At the end of a scale of 1 an arm at any speed rests in time.
@@ -165,17 +177,19 @@ class Judge:
             standing=standing,
         )
         if level is SLOW and proved is None:
-            proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
+            proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
         scale = self._give_scale(tick, level, proved, is_proved=is_proved)
         if level is not CLEAR and pair != NOBODY and earned is not CLEAR:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
-            reasons.append(self._tell_contact(pair, contact_time))
+            reasons.append(self._tell_contact(harm_pair, harm_time))
+        if permitted is not None and permitted.pair != NOBODY and level is not STOP:
+            reasons.append(self._tell_permitted(permitted))
         if len(reasons) > 1:
             sort_reasons(reasons)
         if rule.begins:
-            rule.keep_cause(tick.now, contact_time, stop_time, reasons)
+            rule.keep_cause(tick.now, harm_time, stop_time, reasons)
         cause = None
         if held:
             cause = rule.find_cause(level)
@@ -200,6 +214,8 @@ class Judge:
             evaluated,
             reasons,
             complete=complete,
+            harm_time=harm_time,
+            contact_speed=self._find_contact_speed(permitted, level),
         )
         if held:
             verdict = verdict._replace(held=cause)
@@ -225,7 +241,19 @@ class Judge:
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, STOP, complete=False, standing=True)
         self._rising.give(tick.now, 0.0)
-        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NOBODY, 0, [], complete=False)
+        return self._make_verdict(
+            stamp,
+            tick,
+            level,
+            0.0,
+            0.0,
+            NOBODY,
+            0,
+            [],
+            complete=False,
+            harm_time=0.0,
+            contact_speed=self._find_contact_speed(None, level),
+        )
 
     def _make_verdict(
         self,
@@ -239,6 +267,8 @@ class Judge:
         reasons: list[Reason],
         *,
         complete: bool,
+        harm_time: float,
+        contact_speed: float | None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
@@ -267,8 +297,25 @@ class Judge:
                 None,
                 stop,
                 None,
+                harm_time,
+                contact_speed,
             ),
         )
+
+    def _find_contact_speed(self, permitted: PermittedContact | None, level: Level) -> float | None:
+        """The verdict's bound on the speed of a contact, in [m/s]."""
+        if self._contact_limits is None:
+            return None
+        return math.inf if level is STOP or permitted is None else permitted.speed
+
+    def _tell_permitted(self, permitted: PermittedContact) -> Reason:
+        """Which contact the level rests on that is permitted, up to which speed, and by whom."""
+        link, obstacle = self._scheduler.arm.names(permitted.pair)
+        row = permitted.pair // len(self._scheduler.arm.links)
+        regions = self._scheduler.arm.obstacles.table.regions[row]
+        stated = self._contact_limits.describe(int(regions))
+        detail = f"at most {permitted.speed:.2f} of {permitted.limit:.2f} m/s ({stated})"
+        return Reason(ReasonKind.CONTACT_ALLOWED, f"{link} and {obstacle}", detail)
 
     def _tell_contact(self, pair: int, contact_time: float) -> Reason:
         """Which pair the level rests on, and by what bound."""

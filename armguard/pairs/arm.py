@@ -15,6 +15,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
+from armguard.pairs.region_limits import read_region_limits
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
@@ -65,8 +66,15 @@ class WatchedArm:
             with_joints=settings.with_joints,
             with_plans=settings.with_plans,
             in_force=in_force,
+            with_velocities=settings.contact_limits is not None,
         )
-        self.state = TickState(self.kinematics, self.motion, obstacles, margin=settings.margin)
+        self.state = TickState(
+            self.kinematics,
+            self.motion,
+            obstacles,
+            margin=settings.margin,
+            contact_limits=read_region_limits(settings.contact_limits),
+        )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
 

@@ -16,12 +16,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.table_time import ArmSphere, is_free_to_end, table_contact_time
+from armguard.bounds.surface_speed import find_harmless_node, harmless_time
+from armguard.bounds.table_time import (
+    ArmSphere,
+    is_free_at_once,
+    is_free_until,
+    table_contact_time,
+)
 from armguard.contact.advancement import row_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
+from armguard.jit.arrays import BoolArray
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
+from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene
 
@@ -291,14 +299,67 @@ def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
     return soonest, evaluations
 
 
+@kernel
+def limit_of(scene: Scene, row: int) -> ContactLimit:
+    """What contact with an obstacle is permitted."""
+    return strictest_limit(scene.contact_limits, scene.marks.regions[row])
+
+
+@kernel
+def moves_of(scene: Scene, node: int) -> BoolArray:
+    """Which joints move a sphere of the arm. Shape (nv,)."""
+    placement = scene.placement
+    return placement.moves[placement.joint[node]]
+
+
+@kernel
+def link_harmless_time(scene: Scene, link: int, max_speed: float) -> float:
+    """Up to when no point of a link can be faster than a limit in [m]/[s], in [s] from the tick.
+
+    By the tick's table of free joints, so the arm must be prepared.
+    """
+    node = scene.tree.root[link]
+    time: float = harmless_time(
+        sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), scene.table,
+        max_speed,
+    )  # fmt: skip
+    return time
+
+
 RESTS, TOUCHES, UNDECIDED = range(3)
 """Answers of `rests_in_time`."""
 
 
 @kernel
-def rests_in_time(handle: Any, link: int, row: int, now: float, budget: int) -> tuple[int, int]:
+def _is_sphere_safe(
+    scene: Scene, node: int, hull: Hull, distance: float, limit: ContactLimit
+) -> tuple[bool, float]:
+    """Whether a sphere rests, or is harmless for good, before a contact; the speed of a contact.
+
+    The speed, in [m]/[s], is a bound; 0 where there is no contact before the arm rests.
+    """
+    sphere, table = sphere_of(scene, node), scene.braking
+    last = table.time.shape[0] - 1
+    if not limit.max_speed > 0.0:
+        return is_free_until(sphere, table, hull, distance, last), 0.0
+    # Most spheres are away from the obstacle, or slow enough from the start.
+    if is_free_at_once(sphere, table, hull, distance):
+        return True, 0.0
+    harmless, speed = find_harmless_node(
+        sphere, scene.tree.radius[node], moves_of(scene, node), table, limit.max_speed, np.inf
+    )
+    if harmless == 0 or is_free_until(sphere, table, hull, distance, harmless):
+        return True, speed
+    return False, 0.0
+
+
+@kernel
+def rests_in_time(
+    handle: Any, link: int, row: int, now: float, budget: int
+) -> tuple[int, int, float]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
+    Where contact with the obstacle is permitted, it has to be slow enough for good before contact.
     Descends to the spheres that fail; the scene's table of braking ends when the arm rests.
 
     Args:
@@ -309,30 +370,34 @@ def rests_in_time(handle: Any, link: int, row: int, now: float, budget: int) -> 
         budget: Evaluations after which there is no answer.
 
     Returns:
-        RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know,
-        and evaluations.
+        RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know;
+        evaluations; and the greatest speed of a contact before it rests, in [m]/[s], 0 where there
+        is none.
     """
     scene = handle.content
     if not is_known(scene.marks, row):
-        return TOUCHES, 0
+        return TOUCHES, 0, 0.0
     marks, tree = scene.marks, scene.tree
-    evaluations = 0
+    limit = limit_of(scene, row)
+    evaluations, greatest = 0, 0.0
     for number in possible_states(marks, row):
         bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
-        # Invariant: whatever the nodes passed so far own rests before it is touched.
+        # Invariant: whatever the nodes passed so far own rests before it is touched, or is
+        # harmless from then on.
         node = tree.root[link]
         while node >= 0:
             if not evaluations < budget:
-                return UNDECIDED, evaluations
+                return UNDECIDED, evaluations, 0.0
             evaluations += 1
-            is_free = is_free_to_end(
-                sphere_of(scene, node), scene.braking, hull_of(bodies, place, age),
-                contact_distance(scene, node, bodies, place),
+            is_safe, speed = _is_sphere_safe(
+                scene, node, hull_of(bodies, place, age),
+                contact_distance(scene, node, bodies, place), limit,
             )  # fmt: skip
-            if is_free:
+            if is_safe:
+                greatest = max(greatest, speed)
                 node = tree.skip[node]
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
             else:
-                return TOUCHES, evaluations
-    return RESTS, evaluations
+                return TOUCHES, evaluations, 0.0
+    return RESTS, evaluations, greatest

@@ -18,6 +18,7 @@ from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
+from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
@@ -35,6 +36,7 @@ class TickState:
         motion: Whose bounds are read.
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
+        contact_limits: What contact is permitted; None: none.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -54,6 +56,7 @@ class TickState:
         obstacles: Obstacles,
         *,
         margin: float,
+        contact_limits: RegionLimits | None = None,
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
@@ -75,6 +78,7 @@ class TickState:
             motion.reach.arm_ball,
         )
         self._settings = Settings(float(margin), motion.with_joints)
+        self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -125,6 +129,7 @@ class TickState:
             self.bodies,
             self.refused_bodies,
             self.marks,
+            self._contact_limits,
             self._settings,
             self._node_time,
             self._node_bound,
@@ -217,7 +222,7 @@ def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
     links = handle.content.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        answer, spent = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
+        answer, spent, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
         if answer != RESTS:
             return pair, evaluations

@@ -15,6 +15,7 @@ from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
+from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
@@ -81,6 +82,8 @@ class Scene(NamedTuple):
     refused: States
     """Refused ones that may be true as well; see `obstacles.possible_states`."""
     marks: Marks
+    contact_limits: RegionLimits
+    """What contact is permitted, by region."""
     settings: Settings
     node_time: FloatArray
     """Room to work in: contact time of each sphere in the present evaluation. Shape (n,)."""

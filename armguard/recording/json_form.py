@@ -1,10 +1,10 @@
 """Messages as JSON that viewers of recordings can read, and back to the bit.
 
 A field that is packed on the wire stands as a flat list of numbers here, and rows of numbers stand
-one after another in one list. A field that is one number for all or one for each is always a list;
-one number alone holds for all, and so with texts. What JSON has no number for stands as one of the strings "Infinity",
-"-Infinity" and "NaN". Fields that do not apply are left out. Schemas keep to what viewers
-understand: no unions, no lists of lists.
+one after another in one list. A field that is one number or text for all or one for each is always
+a list; one alone holds for all. What JSON has no number for stands as one of the strings
+"Infinity", "-Infinity" and "NaN". Fields that do not apply are left out. Schemas keep to what
+viewers understand: no unions, no lists of lists.
 """
 
 from __future__ import annotations

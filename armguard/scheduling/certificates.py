@@ -89,6 +89,12 @@ class StopProofs(NamedTuple):
     row before. Shape (places,)."""
     retry_revision: IntArray
     """The row's revision that it was asked with. Shape (places,)."""
+    link: IntArray
+    """Link that may touch the row before it rests, as is permitted; -1: none. Shape (places,)."""
+    speed: FloatArray
+    """How fast its surface is then at most, in [m/s]. Shape (places,)."""
+    asked_at: FloatArray
+    """When the last two were found, in [s] since the epoch. Shape (places,)."""
     known: KnownStates
     """What it was proved of."""
     reference_states: States
@@ -110,6 +116,11 @@ class Certificates(NamedTuple):
     """Time of the last evaluation, in [s] since the epoch. Shape (rows,)."""
     pair_expiry: FloatArray
     """End of each pair's certificate, alike: at least this. Shape (rows, links)."""
+    harm_tree: FloatArray
+    """As `expiry_tree`, of `pair_harm`; the same tree where no contact is permitted."""
+    pair_harm: FloatArray
+    """Up to when no contact that is not permitted is possible, at least, in [s] since the epoch;
+    the same array as `pair_expiry` where no contact is permitted. Shape (rows, links)."""
     pair_sphere: NDArray[np.int32]
     """Sphere that decided each pair. Shape (rows, links)."""
     pair_bound: NDArray[np.int8]
@@ -124,33 +135,45 @@ class Certificates(NamedTuple):
     which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
     Shape (9,)."""
 
+    @property
+    def permits_contact(self) -> bool:
+        """Whether some contact is permitted, so that harm is another thing than contact."""
+        return self.pair_harm is not self.pair_expiry
 
-def make_certificates(links: int) -> Certificates:
+
+def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
     """Certificates of no rows, for an arm of so many links."""
+    tree = make_tournament(1)
     return Certificates(
         wheel=make_wheel(0),
-        expiry_tree=make_tournament(1),
+        expiry_tree=tree,
+        harm_tree=make_tournament(1) if permits_contact else tree,
         reference_states=make_states(0),
         news=ChangedRows(
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
         ),
-        **_make_rows(0, links),
+        **_make_rows(0, links, permits_contact=permits_contact),
         proofs=_make_proofs(0, 1),
         broken=np.zeros(0, dtype=np.int64),
         numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, 0]),
     )
 
 
-def _make_rows(rows: int, links: int) -> dict[str, NDArray[Any]]:
+def _make_rows(rows: int, links: int, *, permits_contact: bool) -> dict[str, NDArray[Any]]:
     """The fields of certificates that are read together, without anything in them."""
-    fields: dict[str, tuple[type, tuple[int, ...]]] = {
+    times: dict[str, tuple[type, tuple[int, ...]]] = {
         "evaluated_at": (float, ()),
         "pair_expiry": (float, (links,)),
+    }
+    if permits_contact:
+        times["pair_harm"] = (float, (links,))
+    fields = times | {
         "pair_sphere": (np.int32, (links,)),
         "pair_bound": (np.int8, (links,)),
         "watched": (np.bool_, (links,)),
     }
-    return dict(zip(fields, make_records(rows, **fields), strict=True))
+    made = dict(zip(fields, make_records(rows, **fields), strict=True))
+    return {"pair_harm": made["pair_expiry"], **made}
 
 
 def _make_proofs(rows: int, width: int) -> StopProofs:
@@ -158,11 +181,12 @@ def _make_proofs(rows: int, width: int) -> StopProofs:
     places = 2 * rows
     fields: dict[str, tuple[type, tuple[int, ...]]]
     fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ()))
-    fields["retry_revision"] = (int, ())
-    until, made_at, retry_at, retry_revision = make_records(places, **fields)
-    until[:] = -np.inf
+    fields |= {"retry_revision": (int, ()), "link": (int, ())}
+    fields |= dict.fromkeys(("speed", "asked_at"), (float, ()))
+    own = make_records(places, **fields)
+    own[0][:] = -np.inf
     known, reference_states = make_known_states(places, width), make_states(places, width)
-    return StopProofs(until, made_at, retry_at, retry_revision, known, reference_states)
+    return StopProofs(*own, known, reference_states)
 
 
 @kernel
@@ -176,13 +200,16 @@ def grow_certificates(
 ) -> Certificates:
     """The same certificates for an obstacle table with these arrays, which may have more rows."""
     rows, width = reference_states.points.shape[:2]
-    grown = _make_rows(rows, certificates.watched.shape[1])
+    permits_contact = certificates.permits_contact
+    grown = _make_rows(rows, certificates.watched.shape[1], permits_contact=permits_contact)
     for name, array in grown.items():
         before = getattr(certificates, name)
         array[: len(before)] = before
+    tree = grow_tournament(certificates.expiry_tree, rows)
     return certificates._replace(
         wheel=grow_wheel(certificates.wheel, rows),
-        expiry_tree=grow_tournament(certificates.expiry_tree, rows),
+        expiry_tree=tree,
+        harm_tree=grow_tournament(certificates.harm_tree, rows) if permits_contact else tree,
         reference_states=reference_states,
         news=news,
         **grown,
@@ -193,13 +220,20 @@ def grow_certificates(
 
 
 @kernel
+def set_ends(certificates: Certificates, row: int, contact: float, harm: float) -> None:
+    """Enter when the first of a row's certificates end, those about any contact and about harm."""
+    set_value(certificates.expiry_tree, row, contact)
+    set_value(certificates.harm_tree, row, harm)
+
+
+@kernel
 def invalidate(certificates: Certificates, row: int) -> None:
     """Invalidate all certificates of a row: it is to be evaluated at once."""
     for link in range(certificates.watched.shape[1]):
-        certificates.pair_expiry[row, link] = -np.inf
+        certificates.pair_expiry[row, link] = certificates.pair_harm[row, link] = -np.inf
     certificates.proofs.until[2 * row : 2 * row + 2] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
-    set_value(certificates.expiry_tree, row, -np.inf)
+    set_ends(certificates, row, -np.inf, -np.inf)
 
 
 @kernel
@@ -229,7 +263,7 @@ def remove(handle: Any, rows: IntArray) -> None:
             certificates.numbers[ACTIVE] -= 1
         certificates.watched[row] = False
         take_out(certificates.wheel, row)
-        set_value(certificates.expiry_tree, row, np.inf)
+        set_ends(certificates, row, np.inf, np.inf)
 
 
 @kernel

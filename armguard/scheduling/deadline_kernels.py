@@ -47,6 +47,8 @@ from armguard.pairs.contact_time import (
     UNDECIDED,
     StatePlace,
     arm_reach_time,
+    limit_of,
+    link_harmless_time,
     link_reach_time,
     link_time,
     pair_time,
@@ -78,6 +80,7 @@ from armguard.scheduling.certificates import (
     first_link,
     invalidate,
     keep_known_state,
+    set_ends,
     stop_place,
 )
 from armguard.scheduling.timing_wheel import (
@@ -88,7 +91,7 @@ from armguard.scheduling.timing_wheel import (
     put_off,
     turn,
 )
-from armguard.scheduling.tournament import ROOT, find_below, find_least, parent_of, set_value
+from armguard.scheduling.tournament import ROOT, find_below, find_least, parent_of
 
 RECENT = 4096
 """Evaluated rows over which their price is averaged."""
@@ -194,14 +197,38 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
 
 
 @kernel
+def _enter_pair(
+    scene: Scene,
+    certificates: Certificates,
+    row: int,
+    link: int,
+    contact_time: float,
+    max_speed: float,
+    moment: Moment,
+) -> float:
+    """Enter until when a pair's certificates hold: up to when it can do no harm, in [s] from now.
+
+    Contact is permitted up to a speed, in [m]/[s]; so there is none that is not before the later of
+    two times: of the contact, and of the link's being faster.
+    """
+    harm_time = contact_time
+    if max_speed > 0.0 and contact_time < moment.refinement_threshold:
+        harm_time = max(contact_time, link_harmless_time(scene, link, max_speed))
+    certificates.pair_expiry[row, link] = expire(moment.time, contact_time)
+    certificates.pair_harm[row, link] = expire(moment.time, harm_time)
+    return harm_time
+
+
+@kernel
 def _evaluate_links(
     scene: Scene, certificates: Certificates, row: int, moment: Moment, lower_bound: float
-) -> tuple[float, int]:
-    """Evaluate all watched links of one obstacle: soonest contact time in [s], and evaluations."""
-    now, time, _, arm_age, refinement_threshold = moment
+) -> tuple[float, float, int]:
+    """Evaluate all watched links of one obstacle: soonest contact and harm in [s], evaluations."""
+    now, _, _, arm_age, refinement_threshold = moment
     links = certificates.watched.shape[1]
     evaluations = 0
-    best = np.inf
+    best = harm = np.inf
+    max_speed = limit_of(scene, row).max_speed
     # `best` is the soonest contact time so far: a link that cannot beat it is not refined.
     if scene.marks.refused[row]:
         # More than one state may be true; each link is evaluated by all of them.
@@ -213,10 +240,10 @@ def _evaluate_links(
             )
             evaluations += spent
             best = min(best, found)
-            certificates.pair_expiry[row, each] = expire(time, found)
+            harm = min(harm, _enter_pair(scene, certificates, row, each, found, max_speed, moment))
             certificates.pair_sphere[row, each] = node
             certificates.pair_bound[row, each] = bound
-        return best, evaluations
+        return best, harm, evaluations
     age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
     state = StatePlace(row, bool(0), age)
     # What links cannot leave comes first; UNKNOWN marks those of whose spheres nothing is known.
@@ -250,10 +277,10 @@ def _evaluate_links(
             evaluations += spent
         scene.link_time[link] = -1.0
         best = min(best, found)
-        certificates.pair_expiry[row, link] = expire(time, found)
+        harm = min(harm, _enter_pair(scene, certificates, row, link, found, max_speed, moment))
         certificates.pair_sphere[row, link] = node
         certificates.pair_bound[row, link] = REACH if bound == UNKNOWN else bound
-    return best, evaluations
+    return best, harm, evaluations
 
 
 @kernel
@@ -265,10 +292,10 @@ def _evaluate_obstacle(
     v: FloatArray,
     placed: bool,
     moment: Moment,
-) -> tuple[float, int]:
-    """Evaluate one obstacle: its soonest contact time in [s], and evaluations.
+) -> tuple[float, float, int]:
+    """Evaluate one obstacle: its soonest contact and harm in [s], and evaluations.
 
-    The time is NaN, and nothing is entered, where the arm must be placed first.
+    Both times are NaN, and nothing is entered, where the arm must be placed first.
     """
     now, time, refinement_threshold = moment.now, moment.time, moment.refinement_threshold
     best, evaluations = 0.0, 0
@@ -278,18 +305,18 @@ def _evaluate_obstacle(
         bound = REACH
         if best < refinement_threshold:
             if not placed:
-                return np.nan, evaluations
+                return np.nan, np.nan, evaluations
             _prepare_for(scene, certificates, q, v, moment)
-            best, spent = _evaluate_links(scene, certificates, row, moment, best)
-            set_value(certificates.expiry_tree, row, expire(time, best))
-            return best, evaluations + spent
+            best, harm, spent = _evaluate_links(scene, certificates, row, moment, best)
+            set_ends(certificates, row, expire(time, best), expire(time, harm))
+            return best, harm, evaluations + spent
     expiry = expire(time, best)
     for link in range(certificates.watched.shape[1]):
-        certificates.pair_expiry[row, link] = expiry
+        certificates.pair_expiry[row, link] = certificates.pair_harm[row, link] = expiry
         certificates.pair_sphere[row, link] = scene.tree.root[link]
         certificates.pair_bound[row, link] = bound
-    set_value(certificates.expiry_tree, row, expiry)
-    return best, evaluations
+    set_ends(certificates, row, expiry, expiry)
+    return best, best, evaluations
 
 
 @kernel
@@ -389,6 +416,21 @@ def _find_first(certificates: Certificates) -> tuple[int, int, float]:
 
 
 @kernel
+def find_first_harm(handle: Any) -> tuple[int, int, float]:
+    """Row and link that could touch first where that is not permitted, and when, since the epoch.
+
+    Args:
+        handle: On `Certificates` of which some are active.
+    """
+    certificates = handle.content
+    row = find_least(certificates.harm_tree)
+    while not certificates.watched[row].any():
+        row += 1
+    link = first_link(certificates.watched, certificates.pair_harm, row)
+    return row, link, certificates.harm_tree[ROOT]
+
+
+@kernel
 def evaluate_due(
     handle: Any, placed: bool, spent_before: int, moment: Moment
 ) -> tuple[int, int, float, int, int, int, int]:
@@ -477,7 +519,9 @@ def _evaluate_due(
         row = most_urgent(wheel)
         if row == NOBODY:
             break
-        contact_time, spent = _evaluate_obstacle(scene, certificates, row, q, v, placed, moment)
+        contact_time, harm_time, spent = _evaluate_obstacle(
+            scene, certificates, row, q, v, placed, moment
+        )
         evaluated += spent
         if math.isnan(contact_time):
             # The row still waits: the next call begins with it.
@@ -494,7 +538,7 @@ def _evaluate_due(
             if not is_known(scene.marks, row):
                 spare = 0.0
             wait, deadline = min(spare, wait), time + spare
-        certain = certain or contact_time <= soonest
+        certain = certain or harm_time <= soonest
         due = clock + (int(min(wait / period, 1e9)) if wait > 0.0 else 0)
         put_off(wheel, row, due, deadline)
     if certificates.numbers[EVALUATED_ROWS] > RECENT:
@@ -657,7 +701,7 @@ def find_unsafe(
         move_spheres(scene.placement, guard.v)
         certificates.numbers[MOVED] = tick
     latest = time + stop_time
-    count = find_below(certificates.expiry_tree, min(time + within, LATEST), rows)
+    count = find_below(certificates.harm_tree, min(time + within, LATEST), rows)
     # The last offender first: one unsafe pair is answer enough. Without that 1 % of ticks beside 3
     # people and 20 parts, in `bench_near`, would take more than 339 evaluations instead of 259.
     links = certificates.watched.shape[1]
@@ -690,16 +734,19 @@ def find_unsafe(
                 first_link_of_row = first_link(certificates.watched, certificates.pair_expiry, row)
             continue
         rests = True
+        permitted, permitted_link = 0.0, -1
         for number in range(links):
             link = number
             if row == offending_row:
                 # The others after it, in their order.
                 link = (offending_link + number) % links
-            if not certificates.watched[row, link] or certificates.pair_expiry[row, link] > latest:
+            if not certificates.watched[row, link] or certificates.pair_harm[row, link] > latest:
                 continue
-            answer, spent = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent, speed = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
             if answer == RESTS:
+                if speed > permitted:
+                    permitted, permitted_link = speed, link
                 continue
             is_stale = certificates.evaluated_at[row] != time and is_known(scene.marks, row)
             if answer == TOUCHES and is_stale and not lasting > 0.0:
@@ -725,6 +772,9 @@ def find_unsafe(
                 return first_row, first_link_of_row, evaluations, left
             # It is asked again by itself, by a table of this tick alone: on to the others.
             break
+        if rests:
+            proofs.speed[place], proofs.link[place] = permitted, permitted_link
+            proofs.asked_at[place] = time
         if rests and lasting > 0.0 and not scene.marks.refused[row]:
             proofs.until[place] = expire(time, lasting)
             proofs.made_at[place] = time
@@ -767,7 +817,7 @@ def recall_stops(
     # A tick that has had to lay out the arm has work to do already.
     has_slack = certificates.numbers[MOVED] != tick
     answer = PROVED
-    for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+    for row in rows[: find_below(certificates.harm_tree, min(latest, LATEST), rows)]:
         place = stop_place(row, is_paced)
         if _is_proved(scene, certificates, is_paced, row, told, since):
             ends_soon = has_slack and not certificates.proofs.until[place] >= told + soon
@@ -782,3 +832,35 @@ def recall_stops(
         else:
             return ASKABLE
     return answer
+
+
+@kernel
+def find_permitted_contact(
+    handle: Any, time: float, latest: float, rows: IntArray
+) -> tuple[int, int, float, float]:
+    """The contact that is permitted and possible by some time, of those the one nearest its limit.
+
+    Args:
+        handle: On a `TickData`, of a tick whose stop decision was made, and was that the arm rests.
+        time: Of the tick, in [s] since the epoch.
+        latest: By when contact is meant, in [s] since the epoch.
+        rows: Room to work in, for all rows of the obstacle table.
+
+    Returns:
+        Row and link, NOBODY if there is none; how fast the link's surface is then at most, in
+        [m/s], were the arm told to stop by the next verdict; and its limit.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    proofs = certificates.proofs
+    found_row, found_link, found_speed, found_limit = NOBODY, NOBODY, 0.0, np.inf
+    for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
+        limit = limit_of(scene, row).max_speed
+        # Where nothing had to be asked, no link gets faster than its limit before the arm rests.
+        speed, link = limit, first_link(certificates.watched, certificates.pair_expiry, row)
+        for place in (stop_place(row, bool(0)), stop_place(row, bool(1))):
+            if proofs.asked_at[place] == time or proofs.until[place] >= time:
+                speed, link = proofs.speed[place], proofs.link[place]
+                break
+        if speed > 0.0 and speed * found_limit >= found_speed * limit:
+            found_row, found_link, found_speed, found_limit = row, link, speed, limit
+    return found_row, found_link, found_speed, found_limit

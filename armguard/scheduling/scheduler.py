@@ -51,6 +51,8 @@ from armguard.scheduling.deadline_kernels import (
     TickData,
     advance,
     evaluate_due,
+    find_first_harm,
+    find_permitted_contact,
     find_unsafe,
     recall_stops,
 )
@@ -145,6 +147,17 @@ class Unsafe(NamedTuple):
     """Obstacles that were not decided about when the budget was spent; 0 if it was not."""
 
 
+class PermittedContact(NamedTuple):
+    """A contact that is permitted, and possible."""
+
+    pair: int
+    """Which pair, row × links + link; NOBODY if there is none."""
+    speed: float
+    """How fast the link's surface is then at most, in [m/s]."""
+    limit: float
+    """How fast it may be, in [m/s]."""
+
+
 class PairResult(NamedTuple):
     """What is known of one pair; times in [s] since the monitor's epoch."""
 
@@ -172,6 +185,8 @@ class _Desk(NamedTuple):
     tick_data: Any
     codes: tuple[Any, Any, Any, Any]
     """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
+    limit_codes: tuple[Any, ...]
+    """That of `find_first_harm` and `find_permitted_contact`; none where none is permitted."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
@@ -274,7 +289,7 @@ class Scheduler:
         arm.state.view_table()
         desk = self._desks.get(arm)
         if desk is None or desk.bodies is not self._obstacles.table.accepted:
-            certificates = make_certificates(len(arm.links))
+            certificates = self._make_empty(arm)
             self._desks[arm] = self._lay_desk(arm, certificates, is_fresh=True)
 
     def watch_anew(self, rows: IntArray) -> None:
@@ -509,6 +524,29 @@ class Scheduler:
             self._last_offender = pair
         return Unsafe(pair, spent, left)
 
+    def find_harm(self) -> tuple[int, float]:
+        """The pair of which a contact that is not permitted could come first, and when.
+
+        Returns:
+            Row × links + link, NOBODY without pairs; and the time in [s] since the epoch.
+        """
+        certificates = self.certificates
+        if certificates.numbers[ACTIVE] == 0:
+            return NOBODY, math.inf
+        row, link, expiry = self._find_harm(self._handle)
+        return row * self._links + link, expiry
+
+    def find_permitted_contact(self, tick: Tick, within: float) -> PermittedContact:
+        """The contact that is permitted and possible within a time, in [s], nearest its limit.
+
+        For a tick whose stop decision was made.
+        """
+        row, link, speed, limit = self._find_permitted(
+            self._tick_data, tick.time, tick.time + within, self._candidates
+        )
+        pair = NOBODY if row == NOBODY else row * self._links + link
+        return PermittedContact(pair, speed, limit)
+
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
         certificates, place = self.certificates, divmod(pair, self._links)
@@ -588,7 +626,11 @@ class Scheduler:
     def _make_certificates(self) -> None:
         # What the certificates of another scheduler rested on is of no use here.
         self._obstacles.table.reference_states.point_count.fill(0)
-        self._use(self._lay_desk(self.arm, make_certificates(len(self.arm.links)), is_fresh=True))
+        self._use(self._lay_desk(self.arm, self._make_empty(self.arm), is_fresh=True))
+
+    def _make_empty(self, arm: WatchedArm) -> Certificates:
+        permits_contact = self._settings.contact_limits is not None
+        return make_certificates(len(arm.links), permits_contact=permits_contact)
 
     def _fit(self) -> None:
         """Follow the obstacle table's size."""
@@ -599,6 +641,8 @@ class Scheduler:
         self.certificates, self._candidates = desk.certificates, desk.candidates
         self._handle, self._tick_data = desk.handle, desk.tick_data
         self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
+        if desk.limit_codes:
+            self._find_harm, self._find_permitted = desk.limit_codes
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -614,14 +658,22 @@ class Scheduler:
                 settings.period, self._budget, self._crowd, scene.settings.with_joints,
             )
         )  # fmt: skip
+        handle = pack(certificates)
+        limit_codes: tuple[Any, ...] = ()
+        if certificates.permits_contact:
+            limit_codes = (
+                machine_code(find_first_harm, handle),
+                machine_code(find_permitted_contact, tick_data, 0.0, 0.0, candidates),
+            )
         return _Desk(
             table.accepted,
             certificates,
             [array.copy() for array in _list_own(certificates)] if is_fresh else [],
             candidates,
-            pack(certificates),
+            handle,
             tick_data,
             self._bind(tick_data, candidates),
+            limit_codes,
         )
 
     def _bind(self, handle: Any, candidates: IntArray) -> tuple[Any, Any, Any, Any]:

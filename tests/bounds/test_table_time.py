@@ -3,7 +3,7 @@ import pinocchio
 import pytest
 
 from armguard.bounds import BrakingMotion, JointMotion, table_contact_time
-from armguard.bounds.table_time import ArmSphere, is_free_to_end, obstacle_room
+from armguard.bounds.table_time import ArmSphere, is_free_until, obstacle_room
 from armguard.contact.bodies import Bounds, Hull
 from armguard.jit.numerics import TABLE_END_SLACK
 from support.example_arms import load_arm
@@ -240,7 +240,7 @@ def test_whether_the_end_is_reached_is_what_the_search_says(name):
         end = float(table.time[-1]) * (1.0 - TABLE_END_SLACK)
         searched = scene.time(motion, table) >= end
         sphere, hull = scene.pair(motion)
-        answer = is_free_to_end(sphere, table, hull, scene.distance)
+        answer = is_free_until(sphere, table, hull, scene.distance, len(table.time) - 1)
         assert answer >= searched
         assert not answer or scene.contact >= end
         answers.append((answer, searched))

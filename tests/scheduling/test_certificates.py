@@ -26,7 +26,9 @@ NEWS = ObstacleTable().changed_rows
 
 
 def new_certificates(rows=8):
-    certificates = grow_certificates(make_certificates(LINKS), NEWS, make_states(rows))
+    certificates = grow_certificates(
+        make_certificates(LINKS, permits_contact=False), NEWS, make_states(rows)
+    )
     return certificates, pack(certificates)
 
 
