@@ -62,7 +62,7 @@ class ReasonKind(enum.Enum):
         "`armguard replay --explain` say what would buy time.",
     )
     CONTACT_ALLOWED = (
-        "contact within its limit",
+        "contact allowed",
         Effect.NOTE,
         "Nothing, if this contact is permitted; else remove the limit from the contact limits "
         "(docs/contact_limits.md).",
@@ -336,7 +336,12 @@ def _weigh(kind: ReasonKind) -> int:
         return 1
     if kind.effect is Effect.STANDING:
         return 2
-    notes = ReasonKind.LATE_DATA, ReasonKind.LATE_DATA_UNKNOWN, ReasonKind.CONTACT
+    notes = (
+        ReasonKind.LATE_DATA,
+        ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.CONTACT,
+        ReasonKind.CONTACT_ALLOWED,
+    )
     return 3 + (notes.index(kind) if kind in notes else len(notes))
 
 

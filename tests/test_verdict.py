@@ -34,13 +34,14 @@ def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
         ReasonKind.CONTACT,
+        ReasonKind.CONTACT_ALLOWED,
         ReasonKind.OBSTACLE_REFUSED,
         ReasonKind.NO_SOURCES_EXPECTED,
     ]
     in_order = [Reason(kind) for kind in kinds]
     # The two notes weigh the same, and stay in their order.
-    for turn in range(6):
-        reasons = [*in_order[turn:6], *in_order[:turn], *in_order[6:]]
+    for turn in range(7):
+        reasons = [*in_order[turn:7], *in_order[:turn], *in_order[7:]]
         sort_reasons(reasons)
         assert reasons == in_order
     assert find_weightiest(reversed(in_order)) == in_order[0]

@@ -267,6 +267,8 @@ class Judge:
                 None,
                 stop,
                 None,
+                contact_time,
+                None,
             ),
         )
 
