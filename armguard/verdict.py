@@ -445,10 +445,14 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"
         return (
-            f"{self.level.name} at {self.stamp:.3f} s: {pair}, contact time "
-            f"{self.contact_time:.3f} s, stop time {self.stop_time:.3f} s, allowed speed "
-            f"{100.0 * self.speed_scale:.0f} %"
+            f"{self.level.name} at {self.stamp:.3f} s: {pair}, {self.describe_times()}, allowed "
+            f"speed {100.0 * self.speed_scale:.0f} %"
         )
+
+    def describe_times(self) -> str:
+        """Its times in words, that of harm only where contact limits are stated."""
+        harm = "" if self.contact_speed is None else f"harm time {self.harm_time:.3f} s, "
+        return f"contact time {self.contact_time:.3f} s, {harm}stop time {self.stop_time:.3f} s"
 
 
 class ResetVerdict(NamedTuple):

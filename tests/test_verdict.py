@@ -50,6 +50,15 @@ def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
     assert find_weightiest([Reason(ReasonKind.HOLD)]) is None
 
 
+def test_a_verdict_tells_the_time_of_harm_where_contact_limits_are_stated():
+    verdict = Verdict(0.0, 1, Level.AWARE, 0.05, 0.1, 1.0, None, None, True, 0, (), 0.003)
+    for harm_time in (0.05, 0.5):
+        told = str(verdict._replace(harm_time=harm_time))
+        assert "contact time 0.050 s, stop time 0.100 s" in told
+    told = str(verdict._replace(harm_time=0.5, contact_speed=0.0))
+    assert "contact time 0.050 s, harm time 0.500 s, stop time 0.100 s" in told
+
+
 def test_a_verdict_is_frozen():
     verdict = Verdict(0.0, 1, Level.STOP, 0.0, 1.0, 0.0, None, None, False, 0, (), 0.003)
     with pytest.raises(AttributeError):
