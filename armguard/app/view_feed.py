@@ -236,6 +236,8 @@ class MonitorFeed:
                 since=self._since[verdict.level],
                 cause=self._causes[verdict.level],
                 rises_at=None if verdict.held is None else verdict.held.rises_at,
+                harm_time=None if verdict.contact_speed is None else verdict.harm_time,
+                contact_speed=verdict.contact_speed,
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),
