@@ -368,7 +368,7 @@ class Held(NamedTuple):
     reason: Reason | None
     """The weightiest reason of the tick that began it; None: a reset began it."""
     contact_time: float
-    """Of that tick."""
+    """Of that tick; of contact that no limit permits, where contact limits are stated."""
     stop_time: float
     """Of that tick."""
     since: float

@@ -352,7 +352,7 @@ def _describe_cause(verdict: Verdict, now: float) -> str:
         reason = find_weightiest(verdict.reasons)
         if reason is None:
             return ""
-        held = Held(reason, verdict.contact_time, verdict.stop_time, now, now)
+        held = Held(reason, verdict.harm_time, verdict.stop_time, now, now)
     is_latched = held.reason is not None and held.reason.kind.effect is Effect.LATCHED
     return "" if is_latched else held.describe_cause()
 

@@ -54,7 +54,7 @@ class HeldMessage(msgspec.Struct):
     reason: ReasonMessage | None
     """the weightiest reason of the tick that began it; nil: a reset began it"""
     contact_time: Figure
-    """of that tick, [s]"""
+    """of that tick, [s]; of contact that no limit permits, where contact limits are stated"""
     stop_time: Figure
     """of that tick, [s]"""
     since: Figure
