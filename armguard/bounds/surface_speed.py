@@ -125,7 +125,11 @@ def _speed_in_box(
         row = box.joints[j]
         ax, ay, az = row[3], row[4], row[5]
         mean, half, shift = row[12], row[13], row[14]
-        x, y, z = row[9] + ay * pz - az * py, row[10] + az * px - ax * pz, row[11] + ax * py - ay * px
+        x, y, z = (
+            row[9] + ay * pz - az * py,
+            row[10] + az * px - ax * pz,
+            row[11] + ax * py - ay * px,
+        )
         px, py, pz = px + row[0] * shift, py + row[1] * shift, pz + row[2] * shift
         vx, vy, vz = vx + x * mean, vy + y * mean, vz + z * mean
         wx, wy, wz = wx + ax * mean, wy + ay * mean, wz + az * mean
@@ -161,18 +165,14 @@ def speed_from(radius: float, count: int, table: JointTable, node: int, enough: 
     Arguments as for `_speed_in_box`; the node is not the last.
     """
     set_span(table, node, table.time.shape[0] - 1, 1.0)
-    return _speed_in_box(
-        radius, count, table.slowest[node], table.fastest[node], table.box, enough
-    )
+    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @merged_kernel
 def speed_until(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
     """Bound on their speed up to a node of a table of an arm that is free to move."""
     set_span(table, 0, node, 1.0)
-    return _speed_in_box(
-        radius, count, table.slowest[node], table.fastest[node], table.box, enough
-    )
+    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @kernel

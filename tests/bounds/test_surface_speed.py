@@ -46,11 +46,9 @@ def fill_bounds(sphere, radius, moves, table, brakes, speeds, ways):
     for k in range(speeds.shape[0]):
         if not brakes:
             speeds[k] = speed_until(radius, count, table, k, np.inf)
-        elif k + 1 < speeds.shape[0]:
+        else:
             speeds[k] = speed_from(radius, count, table, k, np.inf)
             ways[k] = way_from(radius, count, table, k)
-        else:
-            speeds[k] = ways[k] = 0.0
 
 
 @kernel
@@ -221,7 +219,7 @@ def holds(found, bound):
 @pytest.mark.parametrize("name", ARMS)
 def test_no_point_of_a_braking_arm_is_faster_or_goes_farther(name, record_property):
     random = np.random.default_rng(ARMS.index(name))
-    closest, ran = [], 0
+    closest, ran, ended = [], 0, 0
     for racer in states_of(name, 2):
         limits = racer.braking.limits
         draw_brakes(random, racer.curves, limits.operating_velocity, limits.acceleration)
@@ -232,18 +230,24 @@ def test_no_point_of_a_braking_arm_is_faster_or_goes_farther(name, record_proper
         given, speeds, ways, found, _, done = raced
         ran += done
         assert holds(found[0], speeds).all(), (case, found[0], speeds)
-        assert holds(found[1], ways).all(), (case, found[1], ways)
-        assert speeds[-1] == 0.0 and found[0, -1] <= 1e-9
+        # The table ends when all joints rest, but for one that its stop throws back.
+        rests = speeds[-1] <= 1e-9
+        ended += rests
+        assert holds(found[1], ways).all() or not rests, (case, found[1], ways)
         for _ in range(3):
             max_speed = speeds[0] * random.uniform(0.01, 1.1) + 1e-6
             max_way = ways[0] * random.uniform(0.01, 1.1) if random.random() < 0.5 else np.inf
             node, bound = find_harmless_node(*given, max_speed, max_way)
-            assert bound == speeds[node] <= max_speed
-            assert ways[node] <= max_way
             before = node - 1
+            if node + 1 < len(speeds):
+                assert bound == speeds[node] <= max_speed
+                assert ways[node] <= max_way
+            else:
+                assert bound == 0.0
             assert node == 0 or not (speeds[before] <= max_speed and ways[before] <= max_way)
         if done and speeds[0] > 1e-3:
             closest.append((found[0, 0] / speeds[0], found[1, 0] / ways[0]))
+    assert ended > 0
     tell(record_property, ran, np.array(closest))
 
 
@@ -282,3 +286,30 @@ def tell(record_property, ran, closest):
         record_property(key, value)
     print(told)
     assert ran > 0 and (closest.max(axis=0) > 0.5).all()
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.8])
+def test_bounds_are_near_what_a_panda_at_work_can_do(speed, record_property):
+    """The fastest sphere of an arm whose joints keep to a speed, 23 ms before brakes engage."""
+    robot, random = load_arm("panda"), np.random.default_rng(0)
+    share = 1.05 * speed / robot.velocity_limit.min()
+    racer = Racer(robot, OperatingLimits.fraction(robot, velocity=share, acceleration=0.27))
+    spheres, shares = racer.kinematics.spheres, []
+    leaves = np.flatnonzero(spheres.first_child < 0)
+    for _ in range(60):
+        q = random.uniform(robot.lower_position_limit, robot.upper_position_limit)
+        v = random.uniform(-speed, speed, 7)
+        racer.kinematics.compute(q, v)
+        paces = np.linalg.norm(racer.kinematics.velocities[leaves], axis=1)
+        node = leaves[paces.argmax()]
+        _, speeds, ways, found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, True, 200)
+        _, free_speeds, _, free_found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, False, 200)
+        shares.append(
+            (paces.max(), found[0, 0], speeds[0], found[1, 0], ways[0], free_found[0, 5],
+             free_speeds[5], free_found[0, 10], free_speeds[10])
+        )  # fmt: skip
+    shares = np.array(shares)
+    told = np.median(shares, axis=0).round(3).tolist()
+    record_property("now, found and bound: braking speed, way; free for 25 ms, 100 ms", told)
+    print(told, np.median(shares[:, 1::2] / shares[:, 2::2], axis=0).round(3))
+    assert np.median(shares[:, 1] / shares[:, 2]) > 0.6

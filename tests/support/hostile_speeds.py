@@ -101,7 +101,7 @@ def drive_joint(drive, j, now, start, end, bite, script, goal, q, v):
     brakes with a constant deceleration, not at the last moment; and how much harder than they must
     they are. `goal` is the way that it is pushed instead where that is not 0.
     """
-    hit = False
+    hit = 0.0  # the side of the stop that threw it back
     held, rate = 0.0, 0.0
     for k in range(start, end):
         before = v[k, j]
@@ -128,11 +128,13 @@ def drive_joint(drive, j, now, start, end, bite, script, goal, q, v):
             side = np.sign(before)
             after = side * max(abs(before) - rate * (STEP - hold), 0.0)
             way = before * hold + side * until * (abs(before) - 0.5 * rate * until)
+            if k + 1 >= now and abs(after) > drive.pace[j]:
+                return False
         else:
             push = script[0] if k * STEP < script[2] else script[1]
             if goal != 0.0:
                 push = goal
-            speeding = drive.accel[j] if hit else drive.speeding[j]
+            speeding = drive.accel[j] if hit * push < 0.0 else drive.speeding[j]
             if push * before < 0.0:
                 # It turns round as hard as it can, and is then at rest at the end of a step.
                 after = before + push * drive.accel[j] * STEP
@@ -152,9 +154,9 @@ def drive_joint(drive, j, now, start, end, bite, script, goal, q, v):
             way = 0.5 * STEP * (before + after)
         q[k + 1, j] = q[k, j] + way
         if not drive.lower[j] <= q[k + 1, j] <= drive.upper[j]:
+            hit = 1.0 if q[k + 1, j] > drive.upper[j] else -1.0
             q[k + 1, j] = min(max(q[k + 1, j], drive.lower[j]), drive.upper[j])
             after = 0.0
-            hit = True
         v[k + 1, j] = after
     return True
 
@@ -224,5 +226,3 @@ def farthest_ways(spots, count, radius, around, ways):
                         gap += radius * turned * around[p, m]
                     square += gap * gap
                 ways[a] = max(ways[a], math.sqrt(square))
-
-
