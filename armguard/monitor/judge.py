@@ -23,6 +23,7 @@ from armguard.verdict import (
     BRAKE,
     FINISH,
     Effect,
+    Held,
     Level,
     Reason,
     ReasonKind,
@@ -167,11 +168,12 @@ class Judge:
         if level is SLOW and proved is None:
             proved = self._find_proved_scale(tick, contact_time, is_proved=is_proved)
         scale = self._give_scale(tick, level, proved, is_proved=is_proved)
+        names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         if level is not CLEAR and pair != NOBODY and earned is not CLEAR:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
-            reasons.append(self._tell_contact(pair, contact_time))
+            reasons.append(self._tell_contact(pair, names, contact_time))
         if len(reasons) > 1:
             sort_reasons(reasons)
         if rule.begins:
@@ -196,13 +198,12 @@ class Judge:
             level,
             contact_time,
             scale,
-            pair,
+            names,
             evaluated,
             reasons,
             complete=complete,
+            cause=cause,
         )
-        if held:
-            verdict = verdict._replace(held=cause)
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
             verdict = verdict._replace(separation=separation)
@@ -225,7 +226,7 @@ class Judge:
         self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, STOP, complete=False, standing=True)
         self._rising.give(tick.now, 0.0)
-        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NOBODY, 0, [], complete=False)
+        return self._make_verdict(stamp, tick, level, 0.0, 0.0, NO_NAMES, 0, [], complete=False)
 
     def _make_verdict(
         self,
@@ -234,15 +235,15 @@ class Judge:
         level: Level,
         contact_time: float,
         scale: float,
-        pair: int,
+        names: tuple[str | None, str | None],
         evaluated: int,
         reasons: list[Reason],
         *,
         complete: bool,
+        cause: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
-        link, obstacle = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         stop = None
         if level is STOP:
             # On a piece of trajectory that is proved, and ends at rest, the arm may run it.
@@ -257,8 +258,7 @@ class Judge:
                 contact_time,
                 tick.stop_time,
                 scale,
-                link,
-                obstacle,
+                *names,
                 complete,
                 evaluated,
                 (*latched.values(), *reasons) if latched or reasons else (),
@@ -266,15 +266,15 @@ class Judge:
                 None,
                 None,
                 stop,
-                None,
+                cause,
             ),
         )
 
-    def _tell_contact(self, pair: int, contact_time: float) -> Reason:
+    def _tell_contact(self, pair: int, names: tuple[Any, Any], contact_time: float) -> Reason:
         """Which pair the level rests on, and by what bound."""
         arm = self._scheduler.arm
-        link, obstacle = arm.names(pair)
-        bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
+        link, obstacle = names
+        bound = BOUND_NAMES[self._scheduler.find_bound(pair)]
         detail = f"in {contact_time:.4g} s by the {bound} bound"
         if arm.obstacles.is_entrance(pair // len(arm.links)):
             detail += ", by what may come out of it unseen"

@@ -519,6 +519,10 @@ class Scheduler:
             certificates.pair_bound.item(place),
         )
 
+    def find_bound(self, pair: int) -> int:
+        """What a pair's certificate rests on, an index of `BOUND_NAMES`."""
+        return self.certificates.pair_bound.item(divmod(pair, self._links))
+
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
         certificates, links = self.certificates, len(self.arm.links)
