@@ -98,7 +98,7 @@ def make_link_gaps(
     variation = np.where(count > 0, np.inf, 0.0)
     leaves_of = [_find_leaves(tree, part) for part in parts.tolist()]
     is_leaf = tree.first_child < 0
-    for joint in np.flatnonzero(turning):
+    for joint in np.flatnonzero(turning).tolist():
         pairs = (count == 1) & between[:, :, joint]
         low = max(lower[joint], home[joint] - np.pi)
         high = min(upper[joint], home[joint] + np.pi)

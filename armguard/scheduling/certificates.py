@@ -157,7 +157,7 @@ def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
     )
 
 
-def _make_rows(rows: int, links: int, *, permits_contact: bool) -> dict[str, NDArray[Any]]:
+def _make_rows(rows: int, links: int, *, permits_contact: bool) -> dict[str, Any]:
     """The fields of certificates that are read together, without anything in them."""
     times: dict[str, tuple[type, tuple[int, ...]]] = {
         "evaluated_at": (float, ()),
@@ -181,10 +181,19 @@ def _make_proofs(rows: int, width: int) -> StopProofs:
     fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ()))
     fields |= {"retry_revision": (int, ()), "link": (int, ())}
     fields |= dict.fromkeys(("speed", "asked_at"), (float, ()))
-    own = make_records(places, **fields)
-    own[0][:] = -np.inf
-    known, reference_states = make_known_states(places, width), make_states(places, width)
-    return StopProofs(*own, known, reference_states)
+    until, made_at, retry_at, retry_revision, link, speed, asked_at = make_records(places, **fields)
+    until[:] = -np.inf
+    return StopProofs(
+        until=until,
+        made_at=made_at,
+        retry_at=retry_at,
+        retry_revision=retry_revision,
+        link=link,
+        speed=speed,
+        asked_at=asked_at,
+        known=make_known_states(places, width),
+        reference_states=make_states(places, width),
+    )
 
 
 @kernel
