@@ -32,6 +32,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import Settings
 from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
@@ -76,6 +77,8 @@ __all__ = [
     "Certificate",
     "Choice",
     "CloudFilter",
+    "ContactLimit",
+    "ContactLimits",
     "Cover",
     "CoverReport",
     "Explanation",

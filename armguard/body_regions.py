@@ -22,7 +22,10 @@ REGIONS = (
     "lower_leg",
     "foot",
 )
-"""All regions. The number of a region is its place here plus 1; 0 stands for no region."""
+"""All regions."""
+
+NUMBERS = {region: number for number, region in enumerate(REGIONS, 1)}
+"""Numbers of the regions; 0 stands for no region."""
 
 NEVER_TOUCHED = frozenset({"head", "face", "neck"})
 """Regions that may never be touched, whatever is stated."""

@@ -6,6 +6,7 @@ Its fields are the parameters of `Obstacles.update`, in their order; a table tak
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,11 +45,13 @@ class ObstacleBatch(NamedTuple):
     source: str
     frame: str
     snapshot: bool
+    region: str | Sequence[str] | None = None
+    """Of a body; None: the table's for each id."""
 
 
 def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
     """The message that holds a batch; its arrays are copied."""
-    ids, stamp, position, velocity, *fields, source, frame, snapshot = batch
+    ids, stamp, position, velocity, *fields, source, frame, snapshot, region = batch
     packed: list[Any] = [
         field.tobytes() if isinstance(field, np.ndarray) else field for field in fields
     ]
@@ -62,6 +65,7 @@ def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
         position.tobytes(),
         None if velocity is None else velocity.tobytes(),
         *packed,
+        region if region is None or isinstance(region, str) else [str(one) for one in region],
     )
 
 
@@ -87,5 +91,5 @@ def read_batch(message: ObstaclesMessage, stamp: float | None = None) -> Obstacl
         None if velocity is None else to_points("velocity", velocity, count),
     )
     stamp = message.stamp if stamp is None else stamp
-    of_all = message.source, message.frame, message.snapshot
+    of_all = message.source, message.frame, message.snapshot, message.region
     return ObstacleBatch._make((message.ids, stamp, *points, *numbers, *of_all))

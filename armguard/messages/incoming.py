@@ -97,6 +97,9 @@ class ObstaclesMessage(Message, tag="obstacles"):
     """what positions may be off by, [m]"""
     velocity_error: Values = 0.0
     """what velocities may be off by, [m/s]"""
+    region: str | list[str] | None = None
+    """which region of a body each is, for [contact limits](contact_limits.md): one for all, or one
+    a row, `""` for none; left out: the cell's, by patterns of ids"""
 
 
 class CloudMessage(Message, tag="cloud"):

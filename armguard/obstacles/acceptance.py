@@ -40,6 +40,7 @@ from armguard.obstacles.possible_states import (
 )
 from armguard.obstacles.record import Record
 from armguard.obstacles.reference_states import allows_reference_state
+from armguard.obstacles.regions import NO_REGION
 from armguard.obstacles.spread import follow_spread
 from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, note_row
 
@@ -343,6 +344,9 @@ def _widen_broken_bounds(handle: Any, states: States, row: int, sample: States) 
     """
     table = handle.content
     told, accepted = table.told, table.accepted
+    if table.marks.touched[row]:
+        # What the arm pushes moves as the arm has it, which says nothing of its own bounds.
+        return True
     accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
     speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
     seen_accel, seen_speed = _measure_bounds(states, row, sample)
@@ -493,7 +497,8 @@ def take_samples(
 
     Args:
         handle: On the table's `Rows`; written. A row is noted as changed where its
-            reference state does not allow for what was written.
+            reference state does not allow for what was written, and where it may be another part of
+            a body than was stated before.
         message: On `MessageData`: the samples. Its codes are filled with TAKEN, or why not, and its
             values with what a fault would show.
         rows: Row of each sample, -1 to leave it alone. Shape (n,).
@@ -505,7 +510,7 @@ def take_samples(
     """
     table, data = handle.content, message.content
     points_each, stamp, extent, frame, is_velocity_known = head[:5]
-    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:]
+    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:11]
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
@@ -520,6 +525,11 @@ def take_samples(
         if row < 0:
             data.codes[i] = TAKEN
             continue
+        # Whatever becomes of the sample, it says which part of a body the row may be.
+        regions = data.regions[i] if each & 32 else head.regions
+        regions = marks.regions[row] | (regions if regions != 0 else NO_REGION)
+        has_new_region = regions != marks.regions[row]
+        marks.regions[row] = regions
         for k in range(points_each):
             for axis in range(3):
                 sample.points[0, k, axis] = data.points[i, k, axis]
@@ -568,6 +578,9 @@ def take_samples(
             )
         if code != TAKEN:
             code, value = _make_exception(handle, row, sample, code, value)
+            if has_new_region:
+                marks.revision[row] += 1
+                note_row(changed_rows, row)
             data.codes[i], data.values[i] = code, value
             exceptions += 1
             taken += code == TRACK_CHANGED
@@ -594,7 +607,7 @@ def take_samples(
         ):
             set_state_aside(reference_states, row, marks, table.refused, table.refusals)
         _remember_bounds(told, row, sample)
-        if grown or not allowed:
+        if grown or not allowed or has_new_region:
             note_row(changed_rows, row)
         any_refused = any_refused or marks.refused[row]
     return taken, exceptions, any_refused

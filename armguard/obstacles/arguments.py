@@ -12,11 +12,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armguard.body_regions import NUMBERS, REGIONS
 from armguard.exceptions import ObstacleError
-from armguard.jit.arrays import FloatArray
+from armguard.jit.arrays import FloatArray, IntArray
+from armguard.obstacles.regions import NO_REGION
 from armguard.obstacles.table import MAXIMUM_POINTS
 
 _FLOAT64 = np.dtype(np.float64)
+
+_SETS = {"": NO_REGION} | {region: 1 << number for region, number in NUMBERS.items()}
 
 
 def show(value: object) -> str:
@@ -130,6 +134,26 @@ def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
     raise ObstacleError(
         name, f"has shape {array.shape} for {count} ids", expected=f"one number or ({count},)"
     )
+
+
+def read_regions(value: str | Sequence[str], count: int) -> int | IntArray:
+    """Sets of regions of `count` obstacles: one for all, or one for each, of shape (count,)."""
+    try:
+        texts = [value] if isinstance(value, str) else list(value)
+    except TypeError:
+        texts = [value]
+    for text in texts:
+        if not isinstance(text, str) or text not in _SETS:
+            expected = f"one of {', '.join(REGIONS)}, or '' for none"
+            raise ObstacleError("region", f"is {show(text)}", expected=expected)
+    sets = [_SETS[text] for text in texts]
+    if isinstance(value, str):
+        return sets[0]
+    if len(sets) != count:
+        raise ObstacleError(
+            "region", f"has {len(sets)} texts for {count} ids", expected=f"one text or {count}"
+        )
+    return np.array(sets, dtype=np.int64)
 
 
 def read_array(name: str, value: ArrayLike | list[ArrayLike]) -> FloatArray:

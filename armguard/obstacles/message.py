@@ -48,8 +48,8 @@ class MessageHead(NamedTuple):
     """Whether velocities were measured; else they are 0, with errors as large as the bounds on
     speed, so that an error of inf is no flaw."""
     each: int
-    """Sum of 2**i over those of `FIELDS` of which there is one number for each sample; of these the
-    numbers here do not count."""
+    """Sum of 2**i over those of `FIELDS`, and then the regions, of which there is one number for
+    each sample; of these the numbers here do not count."""
     radius: float
     """[m]."""
     accel: float
@@ -60,6 +60,8 @@ class MessageHead(NamedTuple):
     """[m]."""
     velocity_error: float
     """[m/s]."""
+    regions: int
+    """Set of regions that is stated; 0: none is. As the fields, or one for each sample."""
 
 
 class MessageData(NamedTuple):
@@ -79,6 +81,8 @@ class MessageData(NamedTuple):
     """[m]. Shape (rows,)."""
     velocity_error: FloatArray
     """[m/s]. Shape (rows,)."""
+    regions: IntArray
+    """Sets of regions that are stated; 0: none is. Shape (rows,)."""
     codes: IntArray
     """What became of each sample. Shape (rows,)."""
     values: FloatArray
@@ -144,6 +148,7 @@ class MessageMemory:
             speed=speed,
             position_error=position_error,
             velocity_error=velocity_error,
+            regions=np.zeros(rows, dtype=np.int64),
             codes=np.zeros(rows, dtype=np.int64),
             values=np.zeros(rows),
             sample=make_states(2, width),

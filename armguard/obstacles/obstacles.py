@@ -30,6 +30,7 @@ from armguard.obstacles.arguments import (
     read_field,
     read_ids,
     read_points,
+    read_regions,
     read_time,
     show,
 )
@@ -47,6 +48,7 @@ from armguard.obstacles.frame_history import FrameHistory
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.message import MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
+from armguard.obstacles.pattern_regions import PatternRegions
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
 
@@ -92,6 +94,8 @@ class ObstacleSettings(NamedTuple):
     """[m]."""
     bounds: tuple[tuple[str, float, float], ...]
     """Pattern of ids, acceleration and speed."""
+    regions: dict[str, str]
+    """Region of a body by pattern of ids."""
 
 
 class ObstacleCountError(ObstacleError):
@@ -114,6 +118,7 @@ class Obstacles(ObstacleRegister):
         frames: Mapping[str, Frame] | None = None,
         extent: float = 100.0,
         bounds: Iterable[tuple[str, float, float]] = (),
+        regions: Mapping[str, str] | None = None,
     ) -> None:
         """Makes an empty table.
 
@@ -135,14 +140,20 @@ class Obstacles(ObstacleRegister):
                 is farther is in another unit, or in another frame, and is refused.
             bounds: Patterns of ids, as in `fnmatch`, each with the acceleration and the speed of
                 those ids where their message gives none; the first pattern that fits counts.
+            regions: By pattern of ids, as in `fnmatch`, which region of a body those ids are, one
+                of `armguard.body_regions`; for contact limits. An id that several patterns fit, or
+                whose message states another region, has the strictest of their limits.
 
         Raises:
-            ObstacleError: A bound, a pattern, the extent, a source or a frame is malformed.
+            ObstacleError: A bound, a pattern, a region, the extent, a source or a frame is
+                malformed.
         """
         super().__init__(() if sources is None else sources)
         self.expects_sources = sources is None
         self.bounds = PatternBounds(accel, speed, bounds)
         """Of obstacles whose messages give none."""
+        self.regions = PatternRegions(regions)
+        """Of obstacles, beside what their messages state."""
         self._extent = read_bound("extent", extent, math.inf, "m")
         for name, place in (frames or {}).items():
             if not isinstance(name, str) or not name:
@@ -188,11 +199,19 @@ class Obstacles(ObstacleRegister):
         sources = None
         if not self.expects_sources:
             sources = tuple(state.source for state in self._sources.states)
-        return ObstacleSettings(accel, speed, sources, frames, self._extent, self.bounds.patterns)
+        return ObstacleSettings(
+            accel,
+            speed,
+            sources,
+            frames,
+            self._extent,
+            self.bounds.patterns,
+            self.regions.patterns,
+        )
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        head = MessageHead(1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        head = MessageHead(1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
         handles = self.table.handle, self._memory.handle
         self._take_samples = machine_code(rule.take_samples, *handles, NO_ROWS, head)
 
@@ -210,6 +229,7 @@ class Obstacles(ObstacleRegister):
         source: str = "default",
         frame: str = WORLD,
         snapshot: bool = False,
+        region: str | Sequence[str] | None = None,
     ) -> None:
         """Takes a message of a source; without ids it is a heartbeat.
 
@@ -233,6 +253,10 @@ class Obstacles(ObstacleRegister):
             source: Name of the source that speaks; required from then on.
             frame: In which frame, one of the table's.
             snapshot: Whether this source sees the whole cell: its absent ids are removed.
+            region: Which region of a body they are, one of `armguard.body_regions`: one for all, or
+                one for each, "" for none; None: the table's for each id. For contact limits: what
+                is no region may never be touched. What was stated of an obstacle once counts until
+                it is removed, so one that changes its region has the strictest of the limits.
 
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
@@ -272,6 +296,7 @@ class Obstacles(ObstacleRegister):
                     source,
                     frame,
                     snapshot,
+                    region,
                 ),
             )
         )
@@ -305,6 +330,7 @@ class Obstacles(ObstacleRegister):
             source,
             frame,
             snapshot,
+            region,
         ) = batch
         known = self._sources.find(source) if isinstance(source, str) else None
         resolved = None if known is None else self._recall(ids, known.index)
@@ -313,7 +339,8 @@ class Obstacles(ObstacleRegister):
                 names = read_ids(ids)
                 if not self.takes_voxels:
                     check_names(names)
-                resolved = ResolvedIds(names, None, *self.bounds.find(names))
+                bounds = self.bounds.find(names)
+                resolved = ResolvedIds(names, None, *bounds, self.regions.find(names))
             time = stamp
             if not (type(time) is float and -math.inf < time < math.inf):
                 time = read_time("stamp", stamp)
@@ -322,9 +349,11 @@ class Obstacles(ObstacleRegister):
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, usual_accel, usual_speed = resolved
+            names, rows, usual_accel, usual_speed, regions = resolved
             if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
+            if region is not None:
+                regions = regions | read_regions(region, len(names))
             if limit is not None:
                 self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
             numbers = self._read_samples(
@@ -335,6 +364,7 @@ class Obstacles(ObstacleRegister):
                 usual_speed if speed is None else speed,
                 position_error,
                 velocity_error,
+                regions,
             )
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
@@ -476,8 +506,10 @@ class Obstacles(ObstacleRegister):
         try:
             size = enclosing_radius(edge)
             numbers = size, rate, pace, error, 0.0
+            # What a voxel belongs to is not known.
+            of_all = source, WORLD, snapshot, ""
             self.take(
-                ObstacleBatch(names, time, centers, None, *numbers, source, WORLD, snapshot),
+                ObstacleBatch(names, time, centers, None, *numbers, *of_all),
                 limit,
                 len(gone),
             )
@@ -561,6 +593,7 @@ class Obstacles(ObstacleRegister):
         speed: ArrayLike,
         position_error: Field,
         velocity_error: Field,
+        regions: int | IntArray,
     ) -> tuple[Any, ...]:
         """Takes the samples of a message into the memory of messages.
 
@@ -579,15 +612,20 @@ class Obstacles(ObstacleRegister):
         if (
             type(radius) is type(accel) is type(speed) is float
             and type(position_error) is type(velocity_error) is float
+            and type(regions) is int
         ):
-            return 0, radius, accel, speed, position_error, velocity_error
+            return 0, radius, accel, speed, position_error, velocity_error, regions
         each, values = 0, []
         for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
             if type(value) is not float:
                 memory.fields[i][:count] = value
                 each += 1 << i
             values.append(value if type(value) is float else math.nan)
-        return each, *values
+        if type(regions) is not int:
+            memory.data.regions[:count] = regions
+            each += 1 << len(values)
+            regions = 0
+        return each, *values, regions
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
         """What was found of the same ids in the same order, in a message of this source before."""

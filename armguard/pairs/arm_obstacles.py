@@ -350,6 +350,7 @@ class ArmObstacles:
             (bounds.rate @ speeds + bounds.at_rest) * (1.0 + SUM_ROUNDING),
             source=self.name,
             snapshot=self._is_changed,
+            region="",
         )
         self._is_changed = False
 

@@ -1,10 +1,10 @@
 """Messages as JSON that viewers of recordings can read, and back to the bit.
 
 A field that is packed on the wire stands as a flat list of numbers here, and rows of numbers stand
-one after another in one list. A field that is one number for all or one for each is always a list;
-one number alone holds for all. What JSON has no number for stands as one of the strings "Infinity",
-"-Infinity" and "NaN". Fields that do not apply are left out. Schemas keep to what viewers
-understand: no unions, no lists of lists.
+one after another in one list. A field that is one number or text for all or one for each is always
+a list; one alone holds for all. What JSON has no number for stands as one of the strings
+"Infinity", "-Infinity" and "NaN". Fields that do not apply are left out. Schemas keep to what
+viewers understand: no unions, no lists of lists.
 """
 
 from __future__ import annotations
@@ -118,6 +118,8 @@ def _find_form(kind: Any) -> _Form:
         kind = get_args(kind)[0]
     if get_origin(kind) in (Union, types.UnionType):
         options = [one for one in get_args(kind) if one is not type(None)]
+        if str in options and len(options) > 1:
+            return _TEXTS
         if bytes in options:
             return _VALUES if float in options else _PACKED
         return _find_form(options[0])
@@ -168,7 +170,16 @@ def _read_values(values: list[float | str]) -> float | bytes:
     return float(values[0]) if len(values) == 1 else _read_packed(values)
 
 
+def _write_texts(texts: str | list[str]) -> list[str]:
+    return [texts] if isinstance(texts, str) else texts
+
+
+def _read_texts(texts: list[str]) -> str | list[str]:
+    return texts[0] if len(texts) == 1 else texts
+
+
 _NUMBER = _Form({"type": "number"}, write_number)
 _NUMBERS = {"type": "array", "items": _NUMBER.schema}
 _PACKED = _Form(_NUMBERS, _write_packed, _read_packed)
 _VALUES = _Form(_NUMBERS, _write_values, _read_values)
+_TEXTS = _Form({"type": "array", "items": {"type": "string"}}, _write_texts, _read_texts)

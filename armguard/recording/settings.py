@@ -20,6 +20,7 @@ from armguard.robot.portable import read_numbers, write_number, write_numbers
 from armguard.robot.robot import Robot
 from armguard.scheduling.paper.daa import DaaSchedule
 from armguard.scheduling.paper.full import FullSchedule
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.settings.declarations import Declaration, read_declarations
 from armguard.settings.schedule import Schedule
 from armguard.settings.separation_rule import SeparationRule
@@ -30,6 +31,8 @@ FORMS: Mapping[Any, tuple[str, ...]] = {
     Frame: ("rotation", "translation", "position_error"),
     OperatingLimits: ("velocity", "acceleration"),
     SeparationRule: SeparationRule.__struct_fields__,
+    ContactLimits: ContactLimits.__struct_fields__,
+    ContactLimit: ContactLimit.__struct_fields__,
     DaaSchedule: ("period", "law", "sort"),
     Source: ("name", "timeout", "required", "on_refusal", "latency", "rate"),
 }
@@ -44,6 +47,9 @@ READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
     ),
     Schedule: lambda data: DaaSchedule(float(data["period"]), data["law"], data["sort"]),
     SeparationRule: lambda data: SeparationRule(**data),
+    ContactLimits: lambda data: ContactLimits(
+        {region: ContactLimit(**limit) for region, limit in data["by_region"].items()}
+    ),
 }
 """What makes a value of each type that settings can have beside plain ones."""
 
@@ -88,13 +94,18 @@ def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
         frames=frames,
         extent=float(data["extent"]),
         bounds=[(str(row[0]), float(row[1]), float(row[2])) for row in data["bounds"]],
+        # Recordings of before there were regions have none.
+        regions=data.get("regions"),
     )
 
 
 def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) -> Monitor:
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     values = {
-        name: _read(declared, data[name]) for name, declared in read_declarations(Settings).items()
+        name: _read(declared, data[name])
+        for name, declared in read_declarations(Settings).items()
+        # Recordings of before there were contact limits have none.
+        if name in data or name != "contact_limits"
     }
     return Monitor(robot, obstacles, read_settings(None, {**data, **values}))
 
@@ -107,6 +118,7 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
         changes: By name, as text: numbers, or words where a setting is one. `operating.velocity`
             and `operating.acceleration` are fractions of the robot's limits, as in a cell file;
             `bounds.speed` and `bounds.accel` those of obstacles whose messages give none.
+            `contact_limits` can only be taken away, by "none".
         robot: Whose limits.
 
     Raises:
@@ -115,12 +127,16 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     declarations = read_declarations(Settings)
     plain = [one for one in declarations.values() if one.plain_type not in (None, bool)]
     known = [*(one.name for one in plain), "operating.velocity"]
-    known += ["operating.acceleration", "bounds.speed", "bounds.accel"]
+    known += ["operating.acceleration", "bounds.speed", "bounds.accel", "contact_limits"]
     for name, text in changes.items():
         if name in known and name in declarations and name != "operating":
             data["monitor"][name] = _read_text(declarations[name], text)
         elif name == "operating":
             data["monitor"][name] = _choose_operating(text, robot)
+        elif name == "contact_limits":
+            if text != "none":
+                raise ArmguardError(name, f"is {text!r}", expected='"none"')
+            data["monitor"][name] = None
         elif name.startswith("operating.") and name in known:
             key = name.removeprefix("operating.")
             limits = OperatingLimits.fraction(robot, **{key: _read_number(name, text)})

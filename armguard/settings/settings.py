@@ -16,6 +16,7 @@ from msgspec import Meta
 from armguard.exceptions import ArmguardError
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.settings.contact_limits import ContactLimits
 from armguard.settings.declarations import NotNegative, Positive, check_fields
 from armguard.settings.schedule import DEADLINE, Schedule, ScheduleName
 from armguard.settings.separation_rule import SeparationRule
@@ -104,7 +105,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     fitted no obstacle yet is a STOP that names it. With a third element, the name of one of the
     obstacles' sources, only what that source reports is ignored, and may come later:
     ("panda_hand", "workpiece*", "camera")."""
-    contact_limits: Annotated[object, OWN_PLACE] = None
+    contact_limits: Annotated[ContactLimits | None, OWN_PLACE] = None
+    """Which regions of a body a surface of the arm may touch, and at which speed; not with
+    `motion = "isotropic"`. Left out: nothing may be touched while the arm moves."""
     separation: Annotated[SeparationRule | None, OWN_PLACE] = None
     """Attach to each verdict the margin of the speed-and-separation distance by this rule; it
     evaluates every pair in every tick."""
@@ -120,6 +123,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
         if self.leave != "never" and not self.with_plans:
             raise ArmguardError(
                 "leave", f"is {self.leave!r}", expected='"never" unless motion="planned"'
+            )
+        if self.contact_limits is not None and not self.with_joints:
+            raise ArmguardError(
+                "contact_limits",
+                'are given beside motion="isotropic"',
+                expected='motion="joint" or "planned"',
+                remedy="free bodies may keep their speed for ever, so none is ever slow enough",
             )
         if self.budget is not None:
             if not self.by_deadline:

@@ -129,6 +129,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         velocity_error: ArrayLike = 0.0,
         frame: str = "world",
         snapshot: bool = False,
+        region: str | Sequence[str] | None = None,
     ) -> None:
         """Send the states of obstacles, as `Obstacles.update` takes them; none is a heartbeat.
 
@@ -144,6 +145,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
             velocity_error: What velocities may be off by, in [m/s], one or shape (n,).
             frame: Name of the frame that all of it is given in.
             snapshot: Whether this is all that is in the cell, so that absent ids are gone.
+            region: Which region of a body they are, one or one for each; None: the cell's.
 
         Raises:
             StreamError: If shapes do not fit the number of ids.
@@ -165,6 +167,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
                 speed=_pack_values("speed", speed, count),
                 position_error=_pack_values("position_error", position_error, count) or 0.0,
                 velocity_error=_pack_values("velocity_error", velocity_error, count) or 0.0,
+                region=region if region is None or isinstance(region, str) else list(region),
             )
         )
 

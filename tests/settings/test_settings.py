@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from armguard import ContactLimit, ContactLimits
 from armguard.exceptions import ArmguardError
 from armguard.scheduling import make_schedule
 from armguard.settings import Settings
@@ -28,6 +29,14 @@ def test_usual_settings_and_what_follows_from_them():
     assert usual.longest_joint_step == 0.1
     assert Settings(rate=20.0).longest_joint_step == pytest.approx(0.25)
     assert Settings(joint_timeout=0.0).longest_joint_step == 0.0
+
+
+def test_free_bodies_have_no_contact_limits():
+    limits = ContactLimits({"hand": ContactLimit(speed=0.5, source="assumed")})
+    for motion in ("joint", "planned"):
+        assert Settings(motion=motion, contact_limits=limits).contact_limits == limits
+    with pytest.raises(ArmguardError, match=r"^contact_limits: .*isotropic.*; free bodies may"):
+        Settings(motion="isotropic", contact_limits=limits)
 
 
 def test_joint_bounds_are_left_out_where_they_are_not_wanted():
@@ -56,6 +65,7 @@ def test_durations_and_lengths_are_finite_and_not_negative(name):
         ("schedule", ["sometimes", None, 3]),
         ("base_placement", [np.eye(4), "here", 1.0]),
         ("ignore", [None, 3]),
+        ("contact_limits", [{"hand": 0.5}, 0.5]),
         ("operating", ["fast", 1.0]),
         ("payload", [-1.0, math.nan, "1"]),
         ("separation", [1.6, {}]),

@@ -11,7 +11,8 @@ class Told:
     def __init__(self):
         self.problems = []
 
-    def update(self, ids, stamp, *fields, source, snapshot):
+    def update(self, ids, stamp, *fields, source, snapshot, region):
+        assert region == "", "an arm is no part of a person"
         self.ids, self.fields = list(ids), [np.array(field) for field in fields]
 
     def leave_broken(self, source, joint, problem, stamp):

@@ -23,12 +23,13 @@ ROOMS = {
     "clock": "",
     "lazy": "",  # for faces alone
     "verdict": "contact",  # for the type of a certificate
+    "body_regions": "",
     "jit": "",
     "contact": "jit",
-    "obstacles": "messages jit",
+    "obstacles": "messages jit body_regions",
     "cover": "contact jit",
     "robot": "cover jit",
-    "settings": "robot jit",
+    "settings": "robot jit body_regions",
     "bounds": "robot cover obstacles contact jit",
     "pairs": "messages settings bounds robot cover obstacles contact jit",
     "scheduling": "settings pairs bounds robot cover obstacles contact jit",
