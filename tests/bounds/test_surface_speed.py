@@ -37,7 +37,7 @@ ARMS = ("panda", "xarm7", "ur5", "tiago")
 EACH = 25  # motions from one state
 REACTION = 0.02
 FREE_STEPS = 300
-SPOTS = 20  # of a motion between which ways are compared
+SPOTS = 20  # of a motion, between which ways are compared
 
 
 @kernel
