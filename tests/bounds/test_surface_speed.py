@@ -296,14 +296,14 @@ def test_bounds_are_near_what_a_panda_at_work_can_do(speed, record_property):
     racer = Racer(robot, OperatingLimits.fraction(robot, velocity=share, acceleration=0.27))
     spheres, shares = racer.kinematics.spheres, []
     leaves = np.flatnonzero(spheres.first_child < 0)
-    for _ in range(60):
+    for _ in range(30):
         q = random.uniform(robot.lower_position_limit, robot.upper_position_limit)
         v = random.uniform(-speed, speed, 7)
         racer.kinematics.compute(q, v)
         paces = np.linalg.norm(racer.kinematics.velocities[leaves], axis=1)
         node = leaves[paces.argmax()]
-        _, speeds, ways, found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, True, 200)
-        _, free_speeds, _, free_found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, False, 200)
+        _, speeds, ways, found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, True, 100)
+        _, free_speeds, _, free_found, _, _ = racer.race(random, node, q, v, 1, 3, 1.0, False, 100)
         shares.append(
             (paces.max(), found[0, 0], speeds[0], found[1, 0], ways[0], free_found[0, 5],
              free_speeds[5], free_found[0, 10], free_speeds[10])
