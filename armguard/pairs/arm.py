@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
+from armguard.bounds.link_gaps import LinkGaps, make_link_gaps, make_no_gaps
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.regions import RegionLimits, make_no_limits
-from armguard.pairs.clamping import LinkGaps, make_link_gaps, make_no_gaps
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
@@ -85,7 +85,7 @@ class WatchedArm:
         self.follow_limits(np.zeros(len(robot.joints)))
 
     def _find_link_gaps(self) -> LinkGaps:
-        """Where links can clamp something between them."""
+        """How distances between links can vary."""
         limits = self.motion.joint.limits
         home = np.clip(np.zeros(len(limits.lower)), limits.lower, limits.upper)
         turning = self.motion.joint.table.box.turning
