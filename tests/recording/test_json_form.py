@@ -65,7 +65,7 @@ def test_numbers_stand_in_flat_lists_and_words():
     ("region", "written"), [("hand", ["hand"]), (["hand", ""], ["hand", ""]), (None, None)]
 )
 def test_texts_stand_in_lists(region, written):
-    message = ObstaclesMessage(["a", "b"], 1.5, region=region)
+    message = ObstaclesMessage(["a", "b"], 1.5, position=bytes(48), region=region)
     told = json.loads(write_json(message))
     assert told.get("region") == written
     assert read_json(ObstaclesMessage, write_json(message)).region == region
