@@ -1,5 +1,6 @@
 import inspect
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -318,6 +319,15 @@ def test_contact_limits_and_the_regions_of_ids_are_as_the_file_has_them():
     _, obstacles, monitor = Cell.from_text(ROBOT).build()
     assert monitor.settings.contact_limits is None
     assert obstacles.settings.regions == {}
+
+
+def test_the_example_of_the_page_is_one():
+    page = (EXAMPLE.parents[1] / "docs" / "contact_limits.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    _, _, monitor = Cell.from_text(ROBOT + example).build()
+    limits = monitor.settings.contact_limits.by_region
+    assert set(limits) == {"hand", "forearm"}
+    assert all(limit.source.startswith("example only") for limit in limits.values())
 
 
 @pytest.mark.parametrize(
