@@ -62,6 +62,7 @@ from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
 if TYPE_CHECKING:
     from armguard.bounds.planned.plan import CheckedPlan, Plan
     from armguard.monitor.committed_pieces import CommittedPieces
+    from armguard.monitor.contact_watch import ContactWatch
     from armguard.monitor.explain import Explanation
     from armguard.monitor.headroom import Attention, Headroom
     from armguard.robot.attachments import PreparedBody
@@ -159,6 +160,11 @@ class Monitor:
             check_entrances(self._scheduler.arm)
         self._judge = Judge(robot, self._scheduler, self._states, rule, settings, in_force)
         self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states, in_force)
+        self._contact: ContactWatch | None = None
+        if settings.contact_limits is not None:
+            from armguard.monitor.contact_watch import ContactWatch
+
+            self._contact = ContactWatch(robot, self._scheduler)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
         self._epoch = math.nan
         self._now = NEVER
@@ -345,6 +351,8 @@ class Monitor:
         self._exemptions.reset()
         self._scheduler.restart()
         self._judge.reset()
+        if self._contact is not None:
+            self._contact.reset()
         self._last = None, NOTHING_FOUND
         self._now = NEVER
         self._epoch = math.nan
@@ -564,7 +572,7 @@ class Monitor:
             stamp, q, v, now, epoch, number, usual
         )
         if found < BELIEVED:
-            return self._refuse(stamp, describe_refusal(states, found, joint, stamp, q, v))
+            return self._refuse_state(stamp, describe_refusal(states, found, joint, stamp, q, v))
         reasons: list[Reason] = []
         notes: list[Reason] = []
         unbraked = None
@@ -610,7 +618,7 @@ class Monitor:
             disturbed = result.disturbed or bool(result.broken) or not quiet
             found_unsafe = pieces.update(tick, stamp, disturbed=disturbed, unplaced=self._unplaced)
             if found_unsafe is not None:
-                reasons.append(found_unsafe)
+                reasons.append(self._blame_contact(found_unsafe, ReasonKind.PLAN_VOID))
         is_proved = pieces is not None and pieces.is_proved
         # On a piece brakes were found to be stated for all its speeds.
         if unbraked is not None and not is_proved:
@@ -618,8 +626,12 @@ class Monitor:
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
         self._last = tick, result
+        contact = self._contact
+        if contact is not None:
+            reasons += contact.update(tick, result.expiry, is_on_piece=is_proved)
         for row in result.broken:
-            reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
+            if not obstacles.table.touched[row]:
+                reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if obstacles.has_wide_spreads:
             reasons += describe_spreads(obstacles)
         if self._no_sources:
@@ -630,6 +642,8 @@ class Monitor:
         if notes:
             # Last, since nothing rests on them.
             verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
+        if contact is not None:
+            contact.note_verdict(now, verdict)
         self._reasons = reasons
         # Beside another reason to stop, or on a piece, more than the brakes would decide.
         self._stopped_by_braking = (
@@ -765,6 +779,24 @@ class Monitor:
         reason = Reason(ReasonKind.TIME_BACKWARDS, "clock", f"{now!r} after {self._now!r}")
         self._now = now
         return self._refuse(stamp, reason)
+
+    def _blame_contact(self, reason: Reason, kind: ReasonKind) -> Reason:
+        """The reason itself, or where it is of this kind and contact explains it, that."""
+        contact = self._contact
+        if contact is None or reason.kind is not kind or not contact.explains_jump(self._now):
+            return reason
+        return reason._replace(kind=ReasonKind.MOVED_BY_CONTACT)
+
+    def _refuse_state(self, stamp: float, reason: Reason) -> Verdict:
+        """The verdict of a tick whose joint state is impossible.
+
+        It latches, unless a permitted contact may have moved the joint: then states are believed
+        anew from the next one on.
+        """
+        blamed = self._blame_contact(reason, ReasonKind.JOINT_STATE_JUMPED)
+        if blamed is not reason:
+            self._states.reset()
+        return self._refuse(stamp, blamed)
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose arm state is not believed: the worst of everything."""

@@ -344,6 +344,9 @@ def _widen_broken_bounds(handle: Any, states: States, row: int, sample: States) 
     """
     table = handle.content
     told, accepted = table.told, table.accepted
+    if table.marks.touched[row]:
+        # What the arm pushes moves as the arm has it, which says nothing of its own bounds.
+        return True
     accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
     speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
     seen_accel, seen_speed = _measure_bounds(states, row, sample)

@@ -345,6 +345,8 @@ class ObstacleRegister:
         self._unplaced.discard(name, owner)
         self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
         self.ids[row] = name
+        # Of one person are obstacles of one source whose ids are alike up to the last "/".
+        self.table.marks.person[row] = hash((owner, name.rpartition("/")[0]))
         self._rows_of(owner)[name] = row
         self._added.add(row)
         if owner != NO_SOURCE:

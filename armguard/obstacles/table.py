@@ -68,6 +68,8 @@ class Marks(NamedTuple):
     """Samples of it were refused and may be true. Shape (rows,)."""
     unknown: BoolArray
     """Some of those cannot be reckoned with, so that it could be anywhere. Shape (rows,)."""
+    touched: BoolArray
+    """A link touches it, as is permitted, so that its motion is not its own. Shape (rows,)."""
     refused_count: IntArray
     """Refused states that can be, at most `MOST_REFUSED`. Shape (rows,)."""
     revision: IntArray
@@ -78,6 +80,8 @@ class Marks(NamedTuple):
     """Consecutive samples beside the accepted track that confirm another one. Shape (rows,)."""
     regions: IntArray
     """Set of the regions of a body that were stated of it, see `regions`. Shape (rows,)."""
+    person: IntArray
+    """Stands for the person that it would be a part of, by its source and id. Shape (rows,)."""
 
 
 class Refusals(NamedTuple):
@@ -162,11 +166,13 @@ class ObstacleTable:
     has_state: BoolArray
     refused: BoolArray
     unknown: BoolArray
+    touched: BoolArray
     refused_count: IntArray
     revision: IntArray
     owner: IntArray
     confirmations: IntArray
     regions: IntArray
+    person: IntArray
     changed: IntArray
     is_changed: BoolArray
     changed_count: IntArray
@@ -178,7 +184,7 @@ class ObstacleTable:
         self.changed_rows = ChangedRows(
             nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
         )
-        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 5), *([np.zeros(0, dtype=np.int64)] * 5))
+        self.marks = Marks(*([np.zeros(0, dtype=bool)] * 6), *([np.zeros(0, dtype=np.int64)] * 6))
         self.refusals = Refusals(*([np.zeros(0)] * 3))
         self._told = Told(*([np.zeros(0)] * 8))
         self.accepted = make_states(0)
@@ -212,7 +218,7 @@ class ObstacleTable:
                 return -1
             self._grow(2 * capacity)
         row = self._free.pop()
-        for mark in (self.static, self.has_state, self.refused, self.unknown):
+        for mark in (self.static, self.has_state, self.refused, self.unknown, self.touched):
             mark[row] = False
         self.alive[row] = True
         self.owner[row] = owner

@@ -23,6 +23,7 @@ from armguard.settings.settings import Settings
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
+    from armguard.pairs.clamping import LinkGaps
     from armguard.pairs.hull_distance import HullDistance
 
 
@@ -74,9 +75,19 @@ class WatchedArm:
             obstacles,
             margin=settings.margin,
             contact_limits=read_region_limits(settings.contact_limits),
+            link_gaps=self._find_link_gaps() if settings.contact_limits is not None else None,
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
+
+    def _find_link_gaps(self) -> LinkGaps:
+        """Where links can clamp something between them."""
+        from armguard.pairs.clamping import make_link_gaps
+
+        limits = self.motion.joint.limits
+        home = np.clip(np.zeros(len(limits.lower)), limits.lower, limits.upper)
+        turning = self.motion.joint.table.box.turning
+        return make_link_gaps(self.kinematics, turning, limits.lower, limits.upper, home)
 
     @functools.cached_property
     def hull_distance(self) -> HullDistance:

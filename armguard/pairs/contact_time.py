@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armguard.bounds.joint_table import JointTable
 from armguard.bounds.surface_speed import find_harmless_node, harmless_time
 from armguard.bounds.table_time import (
     ArmSphere,
@@ -31,6 +32,12 @@ from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
+from armguard.pairs.clamping import (
+    Clamp,
+    find_clamp,
+    find_near_obstacles,
+    find_short_way_node,
+)
 from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene
 
 REACH_ADVANCES = 2
@@ -313,17 +320,43 @@ def moves_of(scene: Scene, node: int) -> BoolArray:
 
 
 @kernel
-def link_harmless_time(scene: Scene, link: int, max_speed: float) -> float:
-    """Up to when no point of a link can be faster than a limit in [m]/[s], in [s] from the tick.
+def find_near(scene: Scene, link: int, row: int, table: JointTable, now: float, gap: float) -> int:
+    """List the obstacles that a link can clamp a row against, until a table ends; how many."""
+    return find_near_obstacles(
+        scene.arm.centers, scene.arm.lever, scene.tree, scene.link_gaps, link, table,
+        scene.references, scene.marks, row, now, gap + scene.settings.margin,
+    )  # fmt: skip
 
-    By the tick's table of free joints, so the arm must be prepared.
+
+@kernel
+def find_sphere_clamp(
+    scene: Scene, node: int, table: JointTable, now: float, near_count: int, limit: ContactLimit
+) -> Clamp:
+    """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
+    return find_clamp(
+        scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, node, table,
+        scene.references, scene.marks, now, near_count, limit.gap + scene.settings.margin,
+        limit.thickness,
+    )  # fmt: skip
+
+
+@kernel
+def link_harmless_time(scene: Scene, link: int, row: int, now: float, limit: ContactLimit) -> float:
+    """Up to when no contact of a link and an obstacle can do harm, in [s] from the tick.
+
+    By the tick's table of free joints, so the arm must be prepared. Where the link can clamp the
+    obstacle it could press it until it rests; 0 then.
     """
     node = scene.tree.root[link]
     time: float = harmless_time(
         sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), scene.table,
-        max_speed,
+        limit.max_speed,
     )  # fmt: skip
-    return time
+    if not time > 0.0:
+        return 0.0
+    near_count = find_near(scene, link, row, scene.table, now, limit.gap)
+    clamp = find_sphere_clamp(scene, node, scene.table, now, near_count, limit)
+    return 0.0 if clamp.by_link or clamp.by_obstacle else time
 
 
 RESTS, TOUCHES, UNDECIDED = range(3)
@@ -332,7 +365,13 @@ RESTS, TOUCHES, UNDECIDED = range(3)
 
 @kernel
 def _is_sphere_safe(
-    scene: Scene, node: int, hull: Hull, distance: float, limit: ContactLimit
+    scene: Scene,
+    node: int,
+    hull: Hull,
+    distance: float,
+    limit: ContactLimit,
+    near_count: int,
+    now: float,
 ) -> tuple[bool, float]:
     """Whether a sphere rests, or is harmless for good, before a contact; the speed of a contact.
 
@@ -345,9 +384,14 @@ def _is_sphere_safe(
     # Most spheres are away from the obstacle, or slow enough from the start.
     if is_free_at_once(sphere, table, hull, distance):
         return True, 0.0
-    harmless, speed = find_harmless_node(
-        sphere, scene.tree.radius[node], moves_of(scene, node), table, limit.max_speed, np.inf
-    )
+    radius, moves = scene.tree.radius[node], moves_of(scene, node)
+    clamp = find_sphere_clamp(scene, node, table, now, near_count, limit)
+    harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed, np.inf)
+    if clamp.by_link or clamp.by_obstacle:
+        short = find_short_way_node(
+            sphere, radius, moves, table, scene.link_gaps, clamp, limit.max_way
+        )
+        harmless = max(harmless, short)
     if harmless == 0 or is_free_until(sphere, table, hull, distance, harmless):
         return True, speed
     return False, 0.0
@@ -385,13 +429,18 @@ def rests_in_time(
         # Invariant: whatever the nodes passed so far own rests before it is touched, or is
         # harmless from then on.
         node = tree.root[link]
+        near_count = -1
         while node >= 0:
             if not evaluations < budget:
                 return UNDECIDED, evaluations, 0.0
             evaluations += 1
+            if near_count < 0:
+                near_count = 0
+                if limit.max_speed > 0.0:
+                    near_count = find_near(scene, link, row, scene.braking, now, limit.gap)
             is_safe, speed = _is_sphere_safe(
                 scene, node, hull_of(bodies, place, age),
-                contact_distance(scene, node, bodies, place), limit,
+                contact_distance(scene, node, bodies, place), limit, near_count, now,
             )  # fmt: skip
             if is_safe:
                 greatest = max(greatest, speed)

@@ -20,6 +20,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
+from armguard.pairs.clamping import LinkGaps, make_no_gaps
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
 from armguard.robot.kinematics import Kinematics
@@ -37,6 +38,7 @@ class TickState:
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
         contact_limits: What contact is permitted; None: none.
+        link_gaps: Where links can clamp something between them; needed with limits.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -57,6 +59,7 @@ class TickState:
         *,
         margin: float,
         contact_limits: RegionLimits | None = None,
+        link_gaps: LinkGaps | None = None,
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
@@ -79,6 +82,7 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
+        self._link_gaps = make_no_gaps() if link_gaps is None else link_gaps
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -130,6 +134,8 @@ class TickState:
             self.refused_bodies,
             self.marks,
             self._contact_limits,
+            self._link_gaps,
+            table.reference_states,
             self._settings,
             self._node_time,
             self._node_bound,

@@ -17,6 +17,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
+from armguard.pairs.clamping import LinkGaps
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
 UNKNOWN, REACH, ISOTROPIC, JOINT = range(4)
@@ -84,6 +85,10 @@ class Scene(NamedTuple):
     marks: Marks
     contact_limits: RegionLimits
     """What contact is permitted, by region."""
+    link_gaps: LinkGaps
+    """Where links can clamp something between them."""
+    references: States
+    """States of obstacles that all later ones are compared with."""
     settings: Settings
     node_time: FloatArray
     """Room to work in: contact time of each sphere in the present evaluation. Shape (n,)."""

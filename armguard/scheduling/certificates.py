@@ -118,6 +118,8 @@ class Certificates(NamedTuple):
     """End of each pair's certificate, alike: at least this. Shape (rows, links)."""
     harm_tree: FloatArray
     """As `expiry_tree`, of `pair_harm`; the same tree where no contact is permitted."""
+    permits_contact: bool
+    """Whether some contact is permitted, so that harm is another thing than contact."""
     pair_harm: FloatArray
     """Up to when no contact that is not permitted is possible, at least, in [s] since the epoch;
     the same array as `pair_expiry` where no contact is permitted. Shape (rows, links)."""
@@ -135,11 +137,6 @@ class Certificates(NamedTuple):
     which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
     Shape (9,)."""
 
-    @property
-    def permits_contact(self) -> bool:
-        """Whether some contact is permitted, so that harm is another thing than contact."""
-        return self.pair_harm is not self.pair_expiry
-
 
 def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
     """Certificates of no rows, for an arm of so many links."""
@@ -148,6 +145,7 @@ def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
         wheel=make_wheel(0),
         expiry_tree=tree,
         harm_tree=make_tournament(1) if permits_contact else tree,
+        permits_contact=permits_contact,
         reference_states=make_states(0),
         news=ChangedRows(
             np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), np.zeros(1, dtype=np.int64)
@@ -237,6 +235,28 @@ def invalidate(certificates: Certificates, row: int) -> None:
 
 
 @kernel
+def withdraw_permissions(certificates: Certificates) -> None:
+    """Let nothing count that was proved because contact is permitted.
+
+    Whether an obstacle can be clamped depends on all others: where one of them changes, what was
+    found of that is not known any more.
+    """
+    if not certificates.permits_contact:
+        return
+    for row in range(certificates.watched.shape[0]):
+        for place in range(2 * row, 2 * row + 2):
+            if certificates.proofs.link[place] >= 0:
+                certificates.proofs.until[place] = -np.inf
+        ends = False
+        for link in range(certificates.watched.shape[1]):
+            ends = ends or certificates.pair_harm[row, link] > certificates.pair_expiry[row, link]
+            certificates.pair_harm[row, link] = certificates.pair_expiry[row, link]
+        if ends:
+            first = parent_of(certificates.expiry_tree.shape[0])
+            set_value(certificates.harm_tree, row, certificates.expiry_tree[first + row])
+
+
+@kernel
 def insert(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
     """Insert rows, due in the next tick; masks, (n, links), say which links are watched."""
     certificates = handle.content
@@ -252,6 +272,7 @@ def insert(handle: Any, rows: IntArray, masks: NDArray[np.bool_]) -> None:
         if some:
             certificates.numbers[ACTIVE] += 1
             invalidate(certificates, row)
+    withdraw_permissions(certificates)
 
 
 @kernel

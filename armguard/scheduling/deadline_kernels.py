@@ -40,6 +40,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
+from armguard.obstacles.regions import ContactLimit
 from armguard.obstacles.table import clear_changed_rows, copy_state
 from armguard.pairs.contact_time import (
     RESTS,
@@ -56,6 +57,7 @@ from armguard.pairs.contact_time import (
     root_time,
 )
 from armguard.pairs.scene import REACH, UNKNOWN, Scene, prepare_arm
+from armguard.pairs.touching import NO_LINK, find_touching_link
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joint_acceptance import BELIEVED, Guard, accept
 from armguard.robot.kinematics import move_spheres
@@ -82,6 +84,7 @@ from armguard.scheduling.certificates import (
     keep_known_state,
     set_ends,
     stop_place,
+    withdraw_permissions,
 )
 from armguard.scheduling.timing_wheel import (
     NOBODY,
@@ -192,6 +195,8 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
             broken += 1
         invalidate(certificates, row)
     certificates.numbers[BROKEN] = broken
+    if overtaken > 0:
+        withdraw_permissions(certificates)
     clear_changed_rows(certificates.news)
     return overtaken
 
@@ -203,17 +208,18 @@ def _enter_pair(
     row: int,
     link: int,
     contact_time: float,
-    max_speed: float,
+    limit: ContactLimit,
     moment: Moment,
 ) -> float:
     """Enter until when a pair's certificates hold: up to when it can do no harm, in [s] from now.
 
-    Contact is permitted up to a speed, in [m]/[s]; so there is none that is not before the later of
-    two times: of the contact, and of the link's being faster.
+    A contact that is not permitted comes at the later of two times at the earliest: that of the
+    contact, and that from which on the link can be too fast for it.
     """
     harm_time = contact_time
-    if max_speed > 0.0 and contact_time < moment.refinement_threshold:
-        harm_time = max(contact_time, link_harmless_time(scene, link, max_speed))
+    if limit.max_speed > 0.0 and contact_time < moment.refinement_threshold:
+        harmless = link_harmless_time(scene, link, row, moment.now, limit)
+        harm_time = max(contact_time, harmless)
     certificates.pair_expiry[row, link] = expire(moment.time, contact_time)
     certificates.pair_harm[row, link] = expire(moment.time, harm_time)
     return harm_time
@@ -228,7 +234,7 @@ def _evaluate_links(
     links = certificates.watched.shape[1]
     evaluations = 0
     best = harm = np.inf
-    max_speed = limit_of(scene, row).max_speed
+    limit = limit_of(scene, row)
     # `best` is the soonest contact time so far: a link that cannot beat it is not refined.
     if scene.marks.refused[row]:
         # More than one state may be true; each link is evaluated by all of them.
@@ -240,7 +246,7 @@ def _evaluate_links(
             )
             evaluations += spent
             best = min(best, found)
-            harm = min(harm, _enter_pair(scene, certificates, row, each, found, max_speed, moment))
+            harm = min(harm, _enter_pair(scene, certificates, row, each, found, limit, moment))
             certificates.pair_sphere[row, each] = node
             certificates.pair_bound[row, each] = bound
         return best, harm, evaluations
@@ -277,7 +283,7 @@ def _evaluate_links(
             evaluations += spent
         scene.link_time[link] = -1.0
         best = min(best, found)
-        harm = min(harm, _enter_pair(scene, certificates, row, link, found, max_speed, moment))
+        harm = min(harm, _enter_pair(scene, certificates, row, link, found, limit, moment))
         certificates.pair_sphere[row, link] = node
         certificates.pair_bound[row, link] = REACH if bound == UNKNOWN else bound
     return best, harm, evaluations
@@ -832,6 +838,36 @@ def recall_stops(
         else:
             return ASKABLE
     return answer
+
+
+@kernel
+def find_touch(handle: Any, moment: Moment, rows: IntArray) -> tuple[int, int]:
+    """Row and link of an obstacle that is touched as is permitted, and not receded from.
+
+    NOBODY if there is none. A pair whose certificate holds does not touch. Each row's mark says
+    from now on whether it is touched.
+
+    Args:
+        handle: On a `TickData` of which the arm was placed.
+        moment: The tick, after its evaluations.
+        rows: Room to work in, for all rows of the obstacle table.
+    """
+    scene, certificates = handle.content.scene, handle.content.certificates
+    touched = scene.marks.touched
+    touched[:] = False
+    found_row, found_link = NOBODY, 0
+    for row in rows[: find_below(certificates.expiry_tree, moment.time, rows)]:
+        if not limit_of(scene, row).max_speed > 0.0:
+            continue
+        guard = handle.content.guard
+        _prepare_for(scene, certificates, guard.q, guard.v, moment)
+        link = find_touching_link(scene, row, certificates.watched[row], moment.now)
+        if link == NO_LINK:
+            continue
+        touched[row] = True
+        if found_row == NOBODY:
+            found_row, found_link = row, link
+    return found_row, found_link
 
 
 @kernel

@@ -53,6 +53,7 @@ from armguard.scheduling.deadline_kernels import (
     evaluate_due,
     find_first_harm,
     find_permitted_contact,
+    find_touch,
     find_unsafe,
     recall_stops,
 )
@@ -158,6 +159,10 @@ class PermittedContact(NamedTuple):
     """How fast it may be, in [m/s]."""
 
 
+NO_CONTACT = PermittedContact(NOBODY, 0.0, math.inf)
+"""That there is no such contact."""
+
+
 class PairResult(NamedTuple):
     """What is known of one pair; times in [s] since the monitor's epoch."""
 
@@ -186,13 +191,14 @@ class _Desk(NamedTuple):
     codes: tuple[Any, Any, Any, Any]
     """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
     limit_codes: tuple[Any, ...]
-    """That of `find_first_harm` and `find_permitted_contact`; none where none is permitted."""
+    """That of `find_first_harm`, `find_permitted_contact` and `find_touch`; none where no contact
+    is permitted."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
     """The arrays of certificates that are not the obstacle table's."""
     own = certificates._asdict()
-    del own["reference_states"], own["news"]
+    del own["reference_states"], own["news"], own["permits_contact"]
     *proofs, _, _ = own.pop("proofs")  # without these no state that they rest on is read
     return [*own.pop("wheel"), *proofs, *own.values()]
 
@@ -536,6 +542,15 @@ class Scheduler:
         row, link, expiry = self._find_harm(self._handle)
         return row * self._links + link, expiry
 
+    def find_touch(self, tick: Tick) -> int:
+        """A pair that touches, as is permitted, and does not recede; NOBODY if there is none.
+
+        To be asked after the tick's evaluations, where contact limits are stated.
+        """
+        self._place(tick.number, tick.q)
+        row, link = self._find_touch(self._tick_data, _moment_of(tick), self._candidates)
+        return NOBODY if row == NOBODY else row * self._links + link
+
     def find_permitted_contact(self, tick: Tick, within: float) -> PermittedContact:
         """The contact that is permitted and possible within a time, in [s], nearest its limit.
 
@@ -556,6 +571,10 @@ class Scheduler:
             certificates.pair_sphere.item(place),
             certificates.pair_bound.item(place),
         )
+
+    def find_bound(self, pair: int) -> int:
+        """What a pair's certificate rests on, an index of `BOUND_NAMES`."""
+        return self.certificates.pair_bound.item(divmod(pair, self._links))
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""
@@ -642,7 +661,7 @@ class Scheduler:
         self._handle, self._tick_data = desk.handle, desk.tick_data
         self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
         if desk.limit_codes:
-            self._find_harm, self._find_permitted = desk.limit_codes
+            self._find_harm, self._find_permitted, self._find_touch = desk.limit_codes
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -664,6 +683,7 @@ class Scheduler:
             limit_codes = (
                 machine_code(find_first_harm, handle),
                 machine_code(find_permitted_contact, tick_data, 0.0, 0.0, candidates),
+                machine_code(find_touch, tick_data, Moment(0.0, 0.0, 0, 0.0, 0.0), candidates),
             )
         return _Desk(
             table.accepted,

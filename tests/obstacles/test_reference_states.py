@@ -17,8 +17,8 @@ ROW, PLACE = 2, 5
 
 
 def marks_of(*, has_state):
-    flags = [np.zeros(4, dtype=bool) for _ in range(5)]
-    marks = Marks(*flags, *(np.zeros(4, dtype=np.int64) for _ in range(5)))
+    flags = [np.zeros(4, dtype=bool) for _ in range(6)]
+    marks = Marks(*flags, *(np.zeros(4, dtype=np.int64) for _ in range(6)))
     marks.has_state[ROW] = has_state
     return marks
 

@@ -1,0 +1,95 @@
+"""What happens while the arm touches somebody, as is permitted: it is told, and must not press on.
+
+From the first tick in which a link meets a body part, by what was measured, the verdict is a STOP
+until the part has left, or the link recedes. The proofs about all other obstacles rest on one more
+premise then: that the contact moves no joint. Each joint state tests it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from armguard.jit.arrays import FloatArray
+from armguard.robot.joints import is_prismatic
+from armguard.robot.robot import Robot
+from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.scheduling.timing_wheel import NOBODY
+from armguard.verdict import Reason, ReasonKind, Verdict
+
+
+class ContactWatch:
+    """Follows permitted contact from tick to tick.
+
+    Args:
+        robot: The arm.
+        scheduler: Knows the pairs.
+    """
+
+    def __init__(self, robot: Robot, scheduler: Scheduler) -> None:
+        self._robot = robot
+        self._scheduler = scheduler
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was touched."""
+        self._pair = NOBODY
+        self._since = self._rests_at = 0.0
+        self._rest: FloatArray | None = None
+        self._possible_from = math.inf
+
+    @property
+    def is_touching(self) -> bool:
+        """Whether a link touched something in the last tick, and did not recede."""
+        return self._pair != NOBODY
+
+    def update(self, tick: Tick, expiry: float, *, is_on_piece: bool) -> list[Reason]:
+        """Reasons to stop for what a link touches in a tick, after its evaluations.
+
+        Args:
+            tick: The tick.
+            expiry: When the first certificate ends, in [s] since the epoch: while all hold, no link
+                touches anything.
+            is_on_piece: Whether the arm runs a committed piece to its end, whatever verdicts say.
+        """
+        if expiry > tick.time and self._pair == NOBODY:
+            return []
+        pair = self._scheduler.find_touch(tick)
+        if pair == NOBODY:
+            self._pair, self._rest = NOBODY, None
+            return []
+        if self._pair == NOBODY:
+            self._since, self._rests_at = tick.now, tick.now + tick.stop_time
+        self._pair = pair
+        link, obstacle = self._scheduler.arm.names(pair)
+        detail = f"since {self._since:.3f} s"
+        reasons = [Reason(ReasonKind.IN_CONTACT, f"{link} and {obstacle}", detail)]
+        if not is_on_piece and tick.now >= self._rests_at:
+            reasons += self._check_rest(tick)
+        return reasons
+
+    def _check_rest(self, tick: Tick) -> list[Reason]:
+        """A reason where a joint of the arm, which must rest by now, has been moved."""
+        if self._rest is None:
+            self._rest = tick.q.copy()
+            return []
+        robot = self._robot
+        off = abs(tick.q - self._rest)
+        beyond = off - 2.0 * robot.position_error
+        worst = int(beyond.argmax())
+        if beyond[worst] <= 0.0:
+            return []
+        return [_describe_moved(robot, worst, float(off[worst]))]
+
+    def note_verdict(self, now: float, verdict: Verdict) -> None:
+        """Keep from when on contact is possible, by the verdict of a tick at a time in [s]."""
+        self._possible_from = now + verdict.contact_time
+
+    def explains_jump(self, now: float) -> bool:
+        """Whether a joint that jumped by now may have been moved by a contact."""
+        return self.is_touching or now >= self._possible_from
+
+
+def _describe_moved(robot: Robot, joint: int, off: float) -> Reason:
+    """That a joint was moved by a contact, by so many [rad] or [m]."""
+    unit = "m" if is_prismatic(robot.model, 1 + joint) else "rad"
+    return Reason(ReasonKind.MOVED_BY_CONTACT, robot.joints[joint], f"by {off:.3g} {unit}")

@@ -1,0 +1,433 @@
+"""Where a link can clamp a part of a body: near to anything else that its distance from can fall.
+
+A body part that gives way takes up no more than what its own mass brings (`surface_speed`). One
+that is clamped cannot give way: it is pressed until the arm rests, with a force of its stiffness
+times the way that is left. So wherever a link can get closer than a gap to something that is not of
+the same person, contact is permitted only once the way left is short enough.
+
+What a link can clamp a part against:
+
+- Another obstacle. What moves by itself goes on until the arm rests, so its way adds up.
+- Another link of the arm, as far as joints between the two can move. Of two links that share a
+  joint those spheres count whose distance can vary by more than the part is thick, as in an elbow
+  that folds.
+
+Whatever is uncertain counts as near. The way between two links is bounded by levers: their distance
+depends on the joints between them alone, and by a radian of one of these it changes by no more than
+a point of the link that this joint moves can be away from its axis.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from armguard.bounds.free_body import displacement_at, length_above, top_speed
+from armguard.bounds.joint_table import JointTable, set_span
+from armguard.bounds.surface_speed import set_joints, way_from
+from armguard.bounds.table_time import ArmSphere
+from armguard.contact.gjk import nearest_on_hull
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.kernels import kernel
+from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.regions import NO_REGION
+from armguard.obstacles.table import Marks, States
+from armguard.robot.kinematics import ArmPlacement, Kinematics, SphereTree
+
+FEWEST_PARTS = 6
+"""Spheres of a link that stand for it where another one may clamp something against it."""
+VARIATION_SLACK = 1e-6
+"""By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
+MOST_NEAR = 32
+"""Obstacles near one link that are looked at one by one; more of them count as one that is near."""
+
+
+class LinkGaps(NamedTuple):
+    """How distances between spheres of different links can vary; without parts: nobody asks."""
+
+    parts: IntArray
+    """Spheres that stand for links, between them all of the arm. Shape (c,)."""
+    variation: FloatArray
+    """How much the distance of a sphere from such a part can vary, in [m]; 0 where it cannot, inf
+    where more than one joint lies between them. Shape (n, c)."""
+    weight: FloatArray
+    """Room to work in: by how much a gap closes at most with a joint, in [m]. Shape (nv,)."""
+    near: IntArray
+    """Room to work in: rows of obstacles near one link. Shape (MOST_NEAR,)."""
+
+
+class Clamp(NamedTuple):
+    """What a sphere of the arm can clamp a body part against."""
+
+    by_link: bool
+    """Whether against another link; `LinkGaps.weight` says how the gap closes."""
+    by_obstacle: bool
+    """Whether against an obstacle."""
+    obstacle_speed: float
+    """How fast that goes at most, in [m/s]."""
+
+
+def make_no_gaps() -> LinkGaps:
+    """Of an arm that may touch nobody."""
+    some = np.zeros(0, dtype=np.int64)
+    return LinkGaps(some, np.zeros((0, 0)), np.zeros(0), some.copy())
+
+
+def make_link_gaps(
+    kinematics: Kinematics,
+    turning: BoolArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    home: FloatArray,
+) -> LinkGaps:
+    """How distances between the spheres of an arm can vary.
+
+    Args:
+        kinematics: Of the arm; placed anew.
+        turning: Which joints are revolute. Shape (nv,).
+        lower: Least joint positions, in [rad] or [m]; -inf for a continuous joint. Shape (nv,).
+        upper: Greatest joint positions, alike.
+        home: A joint position within these. Shape (nv,).
+    """
+    tree, placement = kinematics.spheres.tree, kinematics.placement
+    parts = np.concatenate([_find_parts(tree, root) for root in tree.root.tolist()])
+    moves = placement.moves[placement.joint]
+    between = moves[:, None, :] ^ moves[parts][None]
+    count = between.sum(axis=2)
+    variation = np.where(count > 0, np.inf, 0.0)
+    leaves_of = [_find_leaves(tree, part) for part in parts.tolist()]
+    is_leaf = tree.first_child < 0
+    for joint in np.flatnonzero(turning):
+        pairs = (count == 1) & between[:, :, joint]
+        low = max(lower[joint], home[joint] - np.pi)
+        high = min(upper[joint], home[joint] + np.pi)
+        varies = _find_variation(kinematics, home, joint, low, high)
+        for c, leaves in enumerate(leaves_of):
+            rows = np.flatnonzero(pairs[:, c] & is_leaf)
+            variation[rows, c] = varies[np.ix_(rows, leaves)].max(axis=1, initial=0.0)
+            variation[pairs[:, c] & ~is_leaf, c] = 0.0
+    # What holds for all spheres below a node holds for the node.
+    for node in range(len(is_leaf) - 1, -1, -1):
+        parent = tree.parent[node]
+        if parent >= 0:
+            variation[parent] = np.maximum(variation[parent], variation[node])
+    joints = len(home)
+    return LinkGaps(parts, variation, np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
+
+
+def _find_variation(
+    kinematics: Kinematics, home: FloatArray, joint: int, low: float, high: float
+) -> FloatArray:
+    """How much distances between spheres vary while one joint turns within a range, in [m].
+
+    With all other joints at rest the square of a distance is a + b cos x + c sin x, which three
+    positions determine. Right for spheres of which this joint alone moves one. Shape (n, n).
+    """
+    squares = []
+    for angle in (0.0, 0.5 * np.pi, np.pi):
+        q = home.copy()
+        q[joint] = angle
+        kinematics.compute(q, np.zeros(len(home)))
+        centers = kinematics.centers
+        squares.append(((centers[:, None] - centers[None]) ** 2).sum(axis=2))
+    mean = 0.5 * (squares[0] + squares[2])
+    cosine, sine = 0.5 * (squares[0] - squares[2]), squares[1] - mean
+    ends = [mean + cosine * np.cos(angle) + sine * np.sin(angle) for angle in (low, high)]
+    least, most = np.minimum(*ends), np.maximum(*ends)
+    swing = np.hypot(cosine, sine)
+    farthest = np.arctan2(sine, cosine)
+    # The next turn at which the distance is greatest, or least, from the lower end on.
+    for shift, sign in ((0.0, 1.0), (np.pi, -1.0)):
+        is_passed = (farthest + shift - low) % (2.0 * np.pi) <= high - low
+        extreme = mean + sign * swing
+        least = np.where(is_passed, np.minimum(least, extreme), least)
+        most = np.where(is_passed, np.maximum(most, extreme), most)
+    varies: FloatArray = np.sqrt(np.maximum(most, 0.0)) - np.sqrt(np.maximum(least, 0.0))
+    return varies + VARIATION_SLACK
+
+
+def _find_parts(tree: SphereTree, root: int) -> IntArray:
+    """Nodes below a root that own between them all that it owns."""
+    level = [root]
+    while len(level) < FEWEST_PARTS:
+        opened = [node for node in level if tree.first_child[node] >= 0]
+        if not opened:
+            break
+        level = [node for node in level if tree.first_child[node] < 0]
+        for node in opened:
+            level += _find_children(tree, node)
+    return np.array(level, dtype=np.int64)
+
+
+def _find_children(tree: SphereTree, node: int) -> list[int]:
+    first = int(tree.first_child[node])
+    if first < 0:
+        return []
+    last = first
+    while last < len(tree.parent) and tree.parent[last] == node:
+        last += 1
+    return list(range(first, last))
+
+
+def _find_leaves(tree: SphereTree, node: int) -> IntArray:
+    """The leaves below a node, or the node itself where it is one."""
+    found, left = [], [node]
+    while left:
+        node = left.pop()
+        children = _find_children(tree, node)
+        if children:
+            left += children
+        else:
+            found.append(node)
+    return np.array(sorted(found), dtype=np.int64)
+
+
+@kernel
+def is_same_person(marks: Marks, row: int, other: int) -> bool:
+    """Whether two obstacles are parts of one person: both have regions, and are named alike."""
+    for one in (row, other):
+        regions = marks.regions[one]
+        if regions == 0 or (regions & NO_REGION) != 0:
+            return False
+    same: bool = marks.person[row] == marks.person[other]
+    return same
+
+
+@kernel
+def _reach(lever: FloatArray, node: int, table: JointTable) -> float:
+    """How far the centre of a sphere can get in the table's span, in [m]."""
+    reach = 0.0
+    for j in range(lever.shape[1]):
+        reach += lever[node, j] * table.box.span[2, j]
+    return reach * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def _is_obstacle_near(
+    center: FloatArray,
+    reach: float,
+    bodies: States,
+    marks: Marks,
+    other: int,
+    now: float,
+    until: float,
+) -> tuple[bool, float]:
+    """Whether an obstacle can be within reach of a place until then, and how fast it may be."""
+    count = bodies.point_count[other]
+    known = marks.has_state[other] and not marks.refused[other] and count > 0
+    if not known:
+        return True, np.inf
+    age = 0.0 if marks.static[other] else now - bodies.stamp[other]
+    x, y, z = nearest_on_hull(
+        center[0], center[1], center[2], bodies.points[other], bodies.velocities[other], count, 0.0
+    )
+    distance = np.sqrt(x * x + y * y + z * z)
+    moved = fastest = 0.0
+    for k in range(count):
+        velocity = bodies.velocities[other, k]
+        pace = length_above(velocity[0], velocity[1], velocity[2])
+        top = top_speed(pace, bodies.speed[other], bodies.velocity_error[other])
+        fastest = max(fastest, top)
+        for s in (age, age + until):
+            moved = max(
+                moved,
+                displacement_at(pace, bodies.velocity_error[other], bodies.accel[other], top, s),
+            )
+    reach += bodies.radius[other] + bodies.position_error[other] + moved
+    is_away = distance > reach + SUM_ROUNDING * (
+        abs(center[0]) + abs(center[1]) + abs(center[2]) + reach + distance
+    )
+    return not is_away, fastest
+
+
+@kernel
+def find_near_obstacles(
+    centers: FloatArray,
+    lever: FloatArray,
+    tree: SphereTree,
+    gaps: LinkGaps,
+    link: int,
+    table: JointTable,
+    references: States,
+    marks: Marks,
+    row: int,
+    now: float,
+    gap: float,
+) -> int:
+    """Fill `gaps.near` with the obstacles that a link can clamp a row against; how many there are.
+
+    More than fit in are counted, but not filled in.
+
+    Args:
+        centers: Of the arm's spheres, in [m]. Shape (n, 3).
+        lever: Of the arm's spheres, in [m]. Shape (n, nv).
+        tree: Of the spheres.
+        gaps: Written.
+        link: Of the arm.
+        table: Where joints can be.
+        references: States of obstacles that all later ones are compared with.
+        marks: What is known of obstacles.
+        row: The one that may be touched.
+        now: Time of the tick on the obstacles' clock, in [s].
+        gap: How near is near, in [m].
+    """
+    node = tree.root[link]
+    last = table.time.shape[0] - 1
+    set_span(table, 0, last, 1.0)
+    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    count = 0
+    for other in range(marks.alive.shape[0]):
+        if not marks.alive[other] or other == row or is_same_person(marks, row, other):
+            continue
+        is_near, _ = _is_obstacle_near(
+            centers[node], reach, references, marks, other, now, table.time[last]
+        )
+        if is_near:
+            if count < gaps.near.shape[0]:
+                gaps.near[count] = other
+            count += 1
+    return count
+
+
+@kernel
+def find_clamp(
+    placement: ArmPlacement,
+    lever: FloatArray,
+    tree: SphereTree,
+    gaps: LinkGaps,
+    node: int,
+    table: JointTable,
+    references: States,
+    marks: Marks,
+    now: float,
+    near_count: int,
+    gap: float,
+    thickness: float,
+) -> Clamp:
+    """What a sphere of the arm can clamp a body part against, until the table ends.
+
+    Args:
+        placement: Of the arm.
+        lever: Of the arm's spheres, in [m]. Shape (n, nv).
+        tree: Of the spheres.
+        gaps: With what `find_near_obstacles` filled in; its weights are written.
+        node: The sphere.
+        table: Where joints can be.
+        references: As for `find_near_obstacles`.
+        marks: What is known of obstacles.
+        now: Time of the tick on the obstacles' clock, in [s].
+        near_count: What `find_near_obstacles` returned.
+        gap: How near is near, in [m].
+        thickness: How thick the part is at the least, in [m].
+    """
+    centers, weight = placement.centers, gaps.weight
+    last = table.time.shape[0] - 1
+    set_span(table, 0, last, 1.0)
+    size = table.box.span[2]
+    x, y, z = centers[node, 0], centers[node, 1], centers[node, 2]
+    joints = weight.shape[0]
+    weight[:] = 0.0
+    by_link = False
+    mine = placement.moves[placement.joint[node]]
+    for c in range(gaps.parts.shape[0]):
+        if gaps.variation[node, c] <= thickness:
+            continue
+        part = gaps.parts[c]
+        theirs = placement.moves[placement.joint[part]]
+        closes = 0.0
+        for j in range(joints):
+            if mine[j] != theirs[j]:
+                closes += _weight_of(lever, tree, table, node if mine[j] else part, j) * size[j]
+        dx, dy, dz = x - centers[part, 0], y - centers[part, 1], z - centers[part, 2]
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        reach = tree.radius[node] + tree.radius[part] + gap + closes
+        for j in range(joints):
+            reach += (lever[node, j] + lever[part, j]) * table.box.position_error[j]
+        if distance > reach * (1.0 + SUM_ROUNDING) + SUM_ROUNDING * (abs(x) + abs(y) + abs(z)):
+            continue
+        by_link = True
+        for j in range(joints):
+            if mine[j] != theirs[j]:
+                one = _weight_of(lever, tree, table, node if mine[j] else part, j)
+                weight[j] = max(weight[j], one)
+    if near_count > gaps.near.shape[0]:
+        return Clamp(by_link, True, np.inf)
+    by_obstacle, fastest = False, 0.0
+    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    for k in range(near_count):
+        is_near, speed = _is_obstacle_near(
+            centers[node], reach, references, marks, gaps.near[k], now, table.time[last]
+        )
+        if is_near:
+            by_obstacle = True
+            fastest = max(fastest, speed)
+    return Clamp(by_link, by_obstacle, fastest)
+
+
+@kernel
+def _weight_of(lever: FloatArray, tree: SphereTree, table: JointTable, node: int, j: int) -> float:
+    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides."""
+    reach = lever[node, j]
+    if table.box.turning[j]:
+        reach += tree.radius[node]
+    return reach
+
+
+@kernel
+def _closing_way(table: JointTable, gaps: LinkGaps, node: int) -> float:
+    """By how much the gaps between links can still close from a node's time on, in [m]."""
+    last = table.time.shape[0] - 1
+    way = 0.0
+    for j in range(gaps.weight.shape[0]):
+        if not gaps.weight[j] > 0.0:
+            continue
+        travel = 0.0
+        for k in range(node, last):
+            pace = max(table.fastest[k, j], -table.slowest[k, j])
+            travel += pace * (table.time[k + 1] - table.time[k])
+        way += gaps.weight[j] * travel
+    return way * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def find_short_way_node(
+    sphere: ArmSphere,
+    radius: float,
+    moves: BoolArray,
+    table: JointTable,
+    gaps: LinkGaps,
+    clamp: Clamp,
+    max_way: float,
+) -> int:
+    """From which node of a braking table on a sphere presses a clamped part no farther than a way.
+
+    Args:
+        sphere: Of the arm.
+        radius: Its radius, in [m].
+        moves: Which joints move it. Shape (nv,).
+        table: Of an arm that brakes until it rests, with velocities.
+        gaps: With the weights of `find_clamp`.
+        clamp: What that returned.
+        max_way: The way, in [m].
+    """
+    last = table.time.shape[0] - 1
+    count = set_joints(sphere, moves, table.box)
+    if not (count >= 0 and max_way > 0.0):
+        return last
+    sooner, later = -1, last
+    # Invariant: the way is short enough from `later` on, and not known to be from `sooner` on.
+    while later - sooner > 1:
+        middle = (sooner + later) // 2
+        is_short = True
+        if clamp.by_link:
+            is_short = _closing_way(table, gaps, middle) <= max_way
+        if is_short and clamp.by_obstacle:
+            way = way_from(radius, count, table, middle)
+            way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
+            is_short = way <= max_way
+        if is_short:
+            later = middle
+        else:
+            sooner = middle
+    return later
