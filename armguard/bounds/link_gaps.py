@@ -2,7 +2,7 @@
 
 Where something is between two links, it matters how near they can come. The distance of two
 spheres depends on the joints between their links alone. With one revolute joint between them its
-square is a + b cos x + c sin x in that joint's angle x, so its least and greatest are known exactly.
+square is a + b cos x + c sin x in that joint's angle x: its least and greatest are known exactly.
 """
 
 from __future__ import annotations

@@ -180,3 +180,26 @@ def test_every_region_has_a_gap_and_a_thickness():
     assert set(GAPS) == set(THICKNESSES) == set(REGIONS)
     assert GAPS["forearm"] == 0.12
     assert all(0.0 < THICKNESSES[one] <= gap for one, gap in GAPS.items())
+
+
+def test_an_impact_may_press_harder_than_a_clamp():
+    stated = {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "source": "a study"}
+    quasi_static = ContactLimit(**stated)
+    limit = ContactLimit(**stated, transient_force=280.0)
+    assert limit.max_way == quasi_static.max_way
+    assert limit.max_speed == pytest.approx(2.0 * quasi_static.max_speed)
+    energy = 280.0**2 / (2.0 * 75e3)
+    assert 0.5 * 0.6 * limit.max_speed**2 == pytest.approx(energy)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "transient_force": 100.0},
+        {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "transient_force": np.nan},
+        {"speed": 0.5, "transient_force": 100.0},
+    ],
+)
+def test_an_impact_that_may_press_less_is_refused(stated):
+    with pytest.raises(ArmguardError, match="transient_force"):
+        ContactLimit(**stated, source="a study")
