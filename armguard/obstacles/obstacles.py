@@ -349,12 +349,13 @@ class Obstacles(ObstacleRegister):
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, usual_accel, usual_speed, regions = resolved
+            names, rows, usual_accel, usual_speed, by_pattern = resolved
+            told: int | IntArray | None = by_pattern
             if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
             if region is not None:
                 stated = read_regions(region, len(names))
-                regions = stated if regions is None else regions | stated
+                told = stated if told is None else told | stated
             if limit is not None:
                 self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
             numbers = self._read_samples(
@@ -366,8 +367,8 @@ class Obstacles(ObstacleRegister):
                 position_error,
                 velocity_error,
             )
-            if regions is not None:
-                self._memory.data.regions[: len(names)] = regions
+            if told is not None:
+                self._memory.data.regions[: len(names)] = told
                 numbers = numbers[0] + HAS_REGIONS, *numbers[1:]
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
