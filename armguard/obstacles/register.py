@@ -40,8 +40,8 @@ class ResolvedIds(NamedTuple):
     """Bounds where the message has none, in [m/s²]. Shape () or (n,)."""
     speed: ArrayLike
     """Bounds where the message has none, in [m/s]. Shape () or (n,)."""
-    regions: int | IntArray
-    """Sets of regions by pattern, beside what the message states. Shape () or (n,)."""
+    regions: IntArray | None
+    """Sets of regions by pattern, beside what the message states; None: no patterns. Shape (n,)."""
 
 
 class ObstacleRegister:
