@@ -115,6 +115,10 @@ class Racer:
         self.robot, self.kinematics = robot, Kinematics(robot)
         self.free = JointMotion(robot, operating=operating, with_velocities=True)
         self.braking = BrakingMotion(robot, REACTION, operating=operating, with_velocities=True)
+        if operating is not None:
+            # Its last joint turns without end.
+            for model in (self.free, self.braking):
+                model.limits.lower[-1], model.limits.upper[-1] = -np.inf, np.inf
         self.curves = self.braking.limits.brakes
         self.stated = [part.copy() for part in self.curves]
 
