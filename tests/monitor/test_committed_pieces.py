@@ -6,12 +6,12 @@ import pinocchio
 import pytest
 from coal import Sphere
 
+from armguard import ContactLimit, ContactLimits
 from armguard.bounds import Plan, stop_on_path
 from armguard.bounds.planned import contact, curve, following, slabs, stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
-from armguard.obstacles.regions import make_never
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
 from support.example_arms import load_holding
@@ -1190,19 +1190,13 @@ def test_the_pieces_that_the_arm_may_be_on_are_there_to_be_looked_at_until_a_res
     assert min(verdict.level for verdict in verdicts) is Level.STOP
 
 
-class HandLimit:
-    """Contact with hands alone is permitted, up to a speed in [m]/[s]; none can be clamped."""
-
-    def __init__(self, speed):
-        self._speed = speed
-
-    def tabulate(self):
-        limits = make_never()
-        limits.max_speed[HAND], limits.max_way[HAND] = self._speed, math.inf
-        return tuple(limits)
-
-    def describe(self, regions):
-        return f"hand {self._speed} m/s, {regions}"
+def limit_hands(speed, way=1.0):
+    """Contact with hands alone is permitted, up to a speed in [m]/[s], pressed by a way in [m]."""
+    stiffness = 1e3
+    force = way * stiffness
+    mass = max(force, 1e-9) ** 2 / stiffness / max(speed, 1e-9) ** 2
+    limit = ContactLimit(force=force, stiffness=stiffness, body_mass=mass, source="a test")
+    return ContactLimits({"hand": limit})
 
 
 @pytest.mark.parametrize("leave", ["never", "any"])
@@ -1210,10 +1204,9 @@ def test_a_slow_piece_is_safe_beside_a_hand_where_contact_is_permitted(leave):
     plan = make_plan()
     for limits, region, is_safe in (
         (None, HAND, False),
-        (HandLimit(0.9), HAND, True),
-        (HandLimit(0.9), HEAD, False),
-        (HandLimit(0.05), HAND, False),
-        (HandLimit(0.0), HAND, False),
+        (limit_hands(0.9), HAND, True),
+        (limit_hands(0.9), HEAD, False),
+        (limit_hands(0.05), HAND, False),
     ):
         obstacles, monitor = make_monitor(
             motion="planned", leave=leave, reaction_time=0.02, contact_limits=limits
