@@ -186,7 +186,7 @@ class PlannedMotion:
         if speeds.shape[1] > 0:
             spheres = len(self._arm.carrier)
             summed = pack(CourseSpeeds(*self._sum_up_speeds(times, *boxes, *speeds, spheres)))
-        return PlannedCourse(float(plan.now), *times, *boxes, *placed, speeds=summed)
+        return PlannedCourse(float(plan.now), *times, *boxes, *(*placed, summed))
 
     def contact_time(
         self,
