@@ -62,7 +62,7 @@ class ReasonKind(enum.Enum):
         "`armguard replay --explain` say what would buy time.",
     )
     CONTACT_ALLOWED = (
-        "contact within its limit",
+        "contact allowed",
         Effect.NOTE,
         "Nothing, if this contact is permitted; else remove the limit from the contact limits "
         "(docs/contact_limits.md).",
@@ -336,7 +336,12 @@ def _weigh(kind: ReasonKind) -> int:
         return 1
     if kind.effect is Effect.STANDING:
         return 2
-    notes = ReasonKind.LATE_DATA, ReasonKind.LATE_DATA_UNKNOWN, ReasonKind.CONTACT
+    notes = (
+        ReasonKind.LATE_DATA,
+        ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.CONTACT,
+        ReasonKind.CONTACT_ALLOWED,
+    )
     return 3 + (notes.index(kind) if kind in notes else len(notes))
 
 
@@ -363,7 +368,7 @@ class Held(NamedTuple):
     reason: Reason | None
     """The weightiest reason of the tick that began it; None: a reset began it."""
     contact_time: float
-    """Of that tick."""
+    """Of that tick; of contact that no limit permits, where contact limits are stated."""
     stop_time: float
     """Of that tick."""
     since: float
@@ -440,10 +445,14 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"
         return (
-            f"{self.level.name} at {self.stamp:.3f} s: {pair}, contact time "
-            f"{self.contact_time:.3f} s, stop time {self.stop_time:.3f} s, allowed speed "
-            f"{100.0 * self.speed_scale:.0f} %"
+            f"{self.level.name} at {self.stamp:.3f} s: {pair}, {self.describe_times()}, allowed "
+            f"speed {100.0 * self.speed_scale:.0f} %"
         )
+
+    def describe_times(self) -> str:
+        """Its times in words, that of harm only where contact limits are stated."""
+        harm = "" if self.contact_speed is None else f"harm time {self.harm_time:.3f} s, "
+        return f"contact time {self.contact_time:.3f} s, {harm}stop time {self.stop_time:.3f} s"
 
 
 class ResetVerdict(NamedTuple):

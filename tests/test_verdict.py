@@ -34,19 +34,29 @@ def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
         ReasonKind.CONTACT,
+        ReasonKind.CONTACT_ALLOWED,
         ReasonKind.OBSTACLE_REFUSED,
         ReasonKind.NO_SOURCES_EXPECTED,
     ]
     in_order = [Reason(kind) for kind in kinds]
     # The two notes weigh the same, and stay in their order.
-    for turn in range(6):
-        reasons = [*in_order[turn:6], *in_order[:turn], *in_order[6:]]
+    for turn in range(7):
+        reasons = [*in_order[turn:7], *in_order[:turn], *in_order[7:]]
         sort_reasons(reasons)
         assert reasons == in_order
     assert find_weightiest(reversed(in_order)) == in_order[0]
     for first in range(1, len(kinds)):
         assert find_weightiest(in_order[first:]) == in_order[max(first, 2)]
     assert find_weightiest([Reason(ReasonKind.HOLD)]) is None
+
+
+def test_a_verdict_tells_the_time_of_harm_where_contact_limits_are_stated():
+    verdict = Verdict(0.0, 1, Level.AWARE, 0.05, 0.1, 1.0, None, None, True, 0, (), 0.003)
+    for harm_time in (0.05, 0.5):
+        told = str(verdict._replace(harm_time=harm_time))
+        assert "contact time 0.050 s, stop time 0.100 s" in told
+    told = str(verdict._replace(harm_time=0.5, contact_speed=0.0))
+    assert "contact time 0.050 s, harm time 0.500 s, stop time 0.100 s" in told
 
 
 def test_a_verdict_is_frozen():

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 _AS_THEY_ARE = (
     "contact_time",
+    "harm_time",
+    "contact_speed",
     "stop_time",
     "speed_scale",
     "link",
@@ -421,8 +423,7 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
     verdict = tick.recorded
     why = tell_why(since.recorded)
     lines = [
-        f"{tell_time(tick)}: {verdict.level.name}, contact time "
-        f"{verdict.contact_time:.3f} s, stop time {verdict.stop_time:.3f} s",
+        f"{tell_time(tick)}: {verdict.level.name}, {verdict.describe_times()}",
         f"{verdict.level.name} since {tell_time(since)}" + (f": {why}" if why else ""),
         *(f"because: {reason}" for reason in verdict.reasons),
     ]

@@ -12,7 +12,7 @@ from rich.text import Text
 from armguard.app.loop import LoopReport, Spread
 from armguard.app.realtime import Realtime
 from armguard.streams.faults import quote
-from armguard.verdict import Effect, Level, Verdict, find_weightiest
+from armguard.verdict import Effect, Level, ReasonKind, Verdict, find_weightiest
 
 REASONS_SHOWN = 8
 """Most reasons of stops in the table; `--json` has all that are told apart."""
@@ -33,6 +33,7 @@ def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
         "stop_reasons": dict(counts.reasons.most_common()),
         "levels": {level.name: count for level, count in counts.levels.items()},
         "min_contact_time": soonest if math.isfinite(soonest) else None,
+        "contact_limits": _describe_permitted(counts),
         "tick_us": _describe_spread(report.tick),
         "drain_us": _describe_spread(report.drain),
         "step_us": _describe_spread(report.step),
@@ -68,7 +69,11 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     if len(told) > REASONS_SHOWN:
         rest = sum(count for _, count in told[REASONS_SHOWN:])
         table.add_row("", f"{rest} × {len(told) - REASONS_SHOWN} further reasons")
-    table.add_row("soonest contact", _tell_contact(summary))
+    table.add_row("soonest contact", _tell_time(summary, summary["min_contact_time"]))
+    permitted = summary["contact_limits"]
+    if permitted is not None:
+        table.add_row("soonest harm", _tell_time(summary, permitted["min_harm_time"]))
+        table.add_row("contact allowed", _tell_permitted(summary["ticks"], permitted))
     table.add_row("tick " + " / ".join(PERCENTILES), _tell_spread(summary["tick_us"]))
     for part in ("drain", "step", "publish"):
         table.add_row(f"  of it {part}", _tell_spread(summary[f"{part}_us"]))
@@ -89,11 +94,32 @@ def _tell_spread(spread: dict[str, float | None]) -> str:
     return " / ".join(times) + " µs"
 
 
-def _tell_contact(summary: dict[str, Any]) -> str:
-    soonest = summary["min_contact_time"]
+def _tell_time(summary: dict[str, Any], soonest: float | None) -> str:
+    """The soonest contact, or contact that no limit permits, of a run."""
     if soonest is not None:
         return f"{soonest:.3f} s"
     return "none possible" if summary["levels"]["CLEAR"] else "unknown"
+
+
+def _tell_permitted(ticks: int, permitted: dict[str, Any]) -> str:
+    """For how much of a run contact that its limit permits was possible, and how fast."""
+    if not permitted["ticks"]:
+        return "never possible before rest"
+    fastest = permitted["max_contact_speed"]
+    speed = "speed unknown" if fastest is None else f"at most {fastest:.2f} m/s"
+    return f"{100.0 * permitted['ticks'] / ticks:.1f} % of the time, {speed}"
+
+
+def _describe_permitted(counts: VerdictCounts) -> dict[str, Any] | None:
+    """What contact limits have permitted; None where none are stated."""
+    if not counts.are_limits_stated:
+        return None
+    soonest, fastest = counts.min_harm_time, counts.max_contact_speed
+    return {
+        "ticks": counts.permitted,
+        "min_harm_time": soonest if math.isfinite(soonest) else None,
+        "max_contact_speed": fastest if math.isfinite(fastest) else None,
+    }
 
 
 def _describe_spread(spread: Spread) -> dict[str, float | None]:
@@ -134,6 +160,11 @@ class VerdictCounts:
         incomplete: How often pairs began to lack a certificate in force.
         min_contact_time: Soonest contact of all ticks that knew where arm and obstacles were, in
             [s]; inf without any.
+        are_limits_stated: Whether a tick knew of contact limits.
+        min_harm_time: Soonest contact that no limit permits, of the same ticks, in [s]; inf without
+            any.
+        permitted: Ticks in which contact that its limit permits was possible before rest.
+        max_contact_speed: Greatest speed of contact in those ticks, in [m/s].
     """
 
     def __init__(self) -> None:
@@ -142,7 +173,10 @@ class VerdictCounts:
         self.stops = 0
         self.reasons: Counter[str] = Counter()
         self.incomplete = 0
-        self.min_contact_time = math.inf
+        self.min_contact_time = self.min_harm_time = math.inf
+        self.are_limits_stated = False
+        self.permitted = 0
+        self.max_contact_speed = 0.0
         self._level: Level | None = None
         self._complete = True
 
@@ -160,6 +194,12 @@ class VerdictCounts:
         self._complete = verdict.complete
         if _is_known(verdict):
             self.min_contact_time = min(self.min_contact_time, verdict.contact_time)
+            self.min_harm_time = min(self.min_harm_time, verdict.harm_time)
+        if verdict.contact_speed is not None:
+            self.are_limits_stated = True
+            if any(one.kind is ReasonKind.CONTACT_ALLOWED for one in verdict.reasons):
+                self.permitted += 1
+                self.max_contact_speed = max(self.max_contact_speed, verdict.contact_speed)
 
     def _count_reason(self, verdict: Verdict) -> None:
         """Count the weightiest reason of a stop; figures would make each one of its own."""
@@ -178,10 +218,12 @@ def _is_known(verdict: Verdict) -> bool:
     """Whether a contact time is that of a pair, and not said for want of knowledge.
 
     A refused state has no pair; and an obstacle that could be anywhere by now, since its source is
-    silent or its states are refused, is at 0 s, whether or not it is near.
+    silent or its states are refused, is at 0 s, whether or not it is near. What is seen to touch
+    is near.
     """
     if verdict.link is None or not verdict.complete:
         return False
     return verdict.contact_time > 0.0 or not any(
-        reason.kind.effect is Effect.STANDING for reason in verdict.reasons
+        reason.kind.effect is Effect.STANDING and reason.kind is not ReasonKind.IN_CONTACT
+        for reason in verdict.reasons
     )

@@ -236,6 +236,8 @@ class MonitorFeed:
                 since=self._since[verdict.level],
                 cause=self._causes[verdict.level],
                 rises_at=None if verdict.held is None else verdict.held.rises_at,
+                harm_time=None if verdict.contact_speed is None else verdict.harm_time,
+                contact_speed=verdict.contact_speed,
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),
@@ -350,7 +352,7 @@ def _describe_cause(verdict: Verdict, now: float) -> str:
         reason = find_weightiest(verdict.reasons)
         if reason is None:
             return ""
-        held = Held(reason, verdict.contact_time, verdict.stop_time, now, now)
+        held = Held(reason, verdict.harm_time, verdict.stop_time, now, now)
     is_latched = held.reason is not None and held.reason.kind.effect is Effect.LATCHED
     return "" if is_latched else held.describe_cause()
 

@@ -211,6 +211,9 @@ def fill_velocities(
         slowest: Filled, alike.
     """
     for j in range(q.shape[0]):
+        if not (abs(q[j] + v[j] + age) < math.inf and free >= 0.0):
+            fastest[:, j], slowest[:, j] = math.inf, -math.inf
+            continue
         accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
         top = max(limits.operating_velocity[j], abs(v[j]))
         up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]

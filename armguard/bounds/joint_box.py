@@ -65,6 +65,8 @@ class JointBox(NamedTuple):
     """Room to work in: how far joints can go, in [rad] or [m]. Shape (nv,)."""
     back: FloatArray
     """Room to work in: the same the other way, negative. Shape (nv,)."""
+    joints: FloatArray
+    """Room to work in: a row of numbers for each joint, see `surface_speed`. Shape (nv, 15)."""
 
 
 def make_box(turning: BoolArray, position_error: FloatArray) -> JointBox:
@@ -80,6 +82,7 @@ def make_box(turning: BoolArray, position_error: FloatArray) -> JointBox:
         ends=np.zeros((2, count)),
         forth=np.zeros(count),
         back=np.zeros(count),
+        joints=np.zeros((count, 15)),
     )
 
 

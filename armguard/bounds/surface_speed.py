@@ -1,156 +1,205 @@
 """How fast the surface of the arm can be, and how far it can still go.
 
 With c the centre of a sphere of the cover, r its radius, q_f the configuration that displacements
-D_i count from, J_j the columns of the centre's Jacobian there, and velocities of joint j between
-lo_j and hi_j (in the middle m_j, half their width h_j, at most u_j = max(|lo_j|, |hi_j|)), each
-point of the arm inside the sphere is no faster than
+count from, J_j the columns of the centre's Jacobian there, a_j those of its angular part (the axis
+of a revolute joint, else 0), and H_ij = a_i x J_j with joint i nearer to the base, or the same, the
+derivatives of the columns. Joint j is displaced by something in M_j +- W_j, at most S_j to either
+side, errors of q_f included. Its velocity is in m_j +- h_j, at most u_j = |m_j| + h_j. In the
+middle of the box of displacements the columns are about C_j = J_j + sum_i H_ij M_i, and x =
+sum_j C_j m_j. Then no point of the arm inside the sphere is faster than
 
-    |sum_j J_j m_j| + sum_j |J_j| h_j + sum_ij R_max(i, j) (|D_i| + dq_i) u_j + r sum_j u_j.
+    sqrt(|x|^2 + 2 sum_j |x . C_j| h_j + sum_ij |C_i . C_j| h_i h_j)
+        + sum_ij |J_max(i, j)| W_i u_j + sum_ijk R_max(i, j, k) S_i S_k u_j / 2
+        + r (|sum_j a_j m_j| + sum_j h_j + sum_ij S_i u_j).
 
-The third sum runs over ordered pairs, whose joint nearer to the base is revolute: by a radian of
-joint i the column of joint j changes by R_max(i, j) at most. The position errors dq_i are those of
-q_f. The last sum, over the revolute joints that move the sphere, is how fast the link turns at
-most. In place of the first two sums stands the root of
+The root is the greatest |sum_j C_j w_j| over w_j in m_j +- h_j, or more: its square is |x|^2 +
+2 sum_j (x . C_j) d_j + sum_ij C_i . C_j d_i d_j with d_j = w_j - m_j. The second line bounds what
+columns differ from C_j by: no H_ij is longer than the column of the more distal of both joints, and
+no second derivative of a column is longer than R_max(i, j, k). A derivative vanishes where a joint
+that is not the most distal slides. The last line is how fast the link turns: its sums run over
+revolute joints that move it, and over pairs whose joint i comes before joint j. The first two lines
+are together no more than sum_j R_j u_j, and the last no more than r sum_j u_j.
 
-    sum_ij max (J_i . J_j) w_i w_j    over w_i in [lo_i, hi_i] and w_j in [lo_j, hi_j]
-
-where that is less, as it is while joints brake: each velocity lies between 0 and what it was then.
-The first three sums together are no more than sum_j R_j u_j.
-
-The same sums bound how far the point can go between any two moments of a time, with the way that
-each joint can go in that time, to either side, in place of its velocity.
+How far a point can go between any two moments of a time is bounded alike, with the way that each
+joint can go in that time, to either side, in place of its velocity. The link turns by no more than
+the sum of its joints' ways then: turns about different axes do not add up like vectors.
 """
 
 from __future__ import annotations
 
 import math
 
-from armguard.bounds.joint_box import JointBox, set_columns
+from armguard.bounds.joint_box import JointBox
 from armguard.bounds.joint_table import JointTable, set_span
 from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import BoolArray, FloatArray
-from armguard.jit.kernels import kernel
+from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 
-
-@kernel
-def _largest_product(low1: float, high1: float, low2: float, high2: float, weight: float) -> float:
-    """Greatest of weight * a * b over a in [low1, high1] and b in [low2, high2]."""
-    first, second = weight * low1, weight * high1
-    return max(max(first * low2, first * high2), max(second * low2, second * high2))
+# A row of `JointBox.joints`: the column J, the axis a, the length of J, R, whether it is revolute,
+# and then what belongs to the box at hand: C, later times h, and m, h and M.
 
 
-@kernel
-def speed_in_box(
+@merged_kernel
+def set_joints(sphere: ArmSphere, moves: BoolArray, box: JointBox) -> int:
+    """Fill the first half of each row of `box.joints` for a sphere.
+
+    One row in one place is read several times faster than arrays of what it holds.
+
+    Args:
+        sphere: Of the arm.
+        moves: Which joints move it. Shape (nv,).
+        box: Where joints are.
+
+    Returns:
+        How many joints there are up to the last that moves it; -1 where a column is no number, or
+        not finite.
+    """
+    count, total = 0, 0.0
+    jacobian = sphere.jacobian
+    for j in range(moves.shape[0]):
+        row = box.joints[j]
+        if not moves[j]:
+            row[:] = 0.0
+            continue
+        count = j + 1
+        ax, ay, az = jacobian[3, j], jacobian[4, j], jacobian[5, j]
+        x = jacobian[0, j] + ay * sphere.z - az * sphere.y
+        y = jacobian[1, j] + az * sphere.x - ax * sphere.z
+        z = jacobian[2, j] + ax * sphere.y - ay * sphere.x
+        row[0], row[1], row[2], row[3], row[4], row[5] = x, y, z, ax, ay, az
+        row[6], row[7] = math.sqrt(x * x + y * y + z * z), sphere.lever[j]
+        row[8] = 1.0 if box.turning[j] else 0.0
+        total += row[6]
+    return count if total < math.inf else -1
+
+
+@merged_kernel
+def _speed_in_box(
     radius: float,
-    lever: FloatArray,
-    moves: BoolArray,
+    count: int,
     slowest: FloatArray,
     fastest: FloatArray,
     box: JointBox,
+    enough: float,
 ) -> float:
-    """Bound on the speed of each point within a distance of another, in [m]/[s].
+    """Bound on the speed of each point of a sphere, in [m]/[s]; `set_joints` knows which.
 
     Args:
-        radius: That distance, in [m].
-        lever: R_j of the point at its centre, whose columns are in `box`. Shape (nv,).
-        moves: Which joints move it. Shape (nv,).
+        radius: Of the sphere, in [m].
+        count: Of joints, from `set_joints`.
         slowest: Least velocities of the joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
         fastest: Greatest velocities, alike.
         box: Where joints are.
+        enough: A bound above it may be returned as inf.
     """
-    x = y = z = spread = bend = most = spin = square = 0.0
-    # From the base to the tip: angles and rates of the revolute joints before joint j.
-    angle = rate = 0.0
-    for j in range(lever.shape[0]):
-        pace = max(fastest[j], -slowest[j])
-        if moves[j] and box.turning[j]:
-            spin += pace
-        if not lever[j] > 0.0:
-            continue
-        a, b, c = box.columns[0, j], box.columns[1, j], box.columns[2, j]
-        middle, half = 0.5 * (fastest[j] + slowest[j]), 0.5 * (fastest[j] - slowest[j])
-        x, y, z = x + a * middle, y + b * middle, z + c * middle
-        length2 = a * a + b * b + c * c
-        spread += math.sqrt(length2) * half
-        square += length2 * pace * pace
+    span, error = box.span, box.position_error
+    bend = most = twist = 0.0
+    # From the base to the tip. Of revolute joints so far: the turn to the middle of the box, as a
+    # vector; sums of half ranges, of greatest angles, and of rates.
+    ox = oy = oz = spread = angle = rate = 0.0
+    for j in range(count):
+        row = box.joints[j]
+        mean, half = 0.5 * (fastest[j] + slowest[j]), 0.5 * (fastest[j] - slowest[j])
+        pace = abs(mean) + half  # no number where either velocity is none
+        shift = 0.5 * (span[0, j] + span[1, j])
+        width = 0.5 * (span[0, j] - span[1, j]) + error[j]
+        size = span[2, j] + error[j]
+        x, y, z, ax, ay, az = row[0], row[1], row[2], row[3], row[4], row[5]
+        length, lever, turns = row[6], row[7], row[8]
+        ox, oy, oz = ox + ax * shift, oy + ay * shift, oz + az * shift
+        row[9], row[10], row[11] = x + oy * z - oz * y, y + oz * x - ox * z, z + ox * y - oy * x
+        row[12], row[13], row[14] = mean, half, shift
+        # Pairs and triples of which joint j is the most distal. One that slides is there once.
+        second = spread * pace + width * (rate + turns * pace)
+        third = angle * (angle * pace + 2.0 * size * rate)
+        third += turns * size * (size * rate + 2.0 * angle * pace + size * pace)
+        bend += length * second + 0.5 * lever * third
+        twist += turns * angle * pace
+        most += lever * pace
+        spread, angle, rate = spread + turns * width, angle + turns * size, rate + turns * pace
+    # From the tip to the base: the way of the centre to the middle of the box, by the joints beyond
+    # joint j; its velocity there, and that of the link's turning, with the middle velocities.
+    px = py = pz = vx = vy = vz = wx = wy = wz = swing = 0.0
+    for j in range(count - 1, -1, -1):
+        row = box.joints[j]
+        ax, ay, az = row[3], row[4], row[5]
+        mean, half, shift = row[12], row[13], row[14]
+        x, y, z = (
+            row[9] + ay * pz - az * py,
+            row[10] + az * px - ax * pz,
+            row[11] + ax * py - ay * px,
+        )
+        px, py, pz = px + row[0] * shift, py + row[1] * shift, pz + row[2] * shift
+        vx, vy, vz = vx + x * mean, vy + y * mean, vz + z * mean
+        wx, wy, wz = wx + ax * mean, wy + ay * mean, wz + az * mean
+        swing += row[8] * half
+        row[9], row[10], row[11] = x * half, y * half, z * half
+    # What was not finite counts as the sums that need no columns; NaN stays NaN.
+    turn = math.sqrt(wx * wx + wy * wy + wz * wz) + swing + twist
+    if not turn <= rate:
+        turn = rate
+    around = radius * turn
+    square = vx * vx + vy * vy + vz * vz
+    if most + around > enough and math.sqrt(square) + bend + around > enough:
+        return math.inf
+    for j in range(count):
+        row = box.joints[j]
+        x, y, z = row[9], row[10], row[11]
+        along = abs(vx * x + vy * y + vz * z)
         for i in range(j):
-            if lever[i] > 0.0:
-                product = a * box.columns[0, i] + b * box.columns[1, i] + c * box.columns[2, i]
-                square += 2.0 * _largest_product(
-                    slowest[i], fastest[i], slowest[j], fastest[j], product
-                )
-        size = box.span[2, j] + box.position_error[j]
-        bend += lever[j] * (angle * pace + size * rate)
-        if box.turning[j]:
-            bend += lever[j] * size * pace
-            angle += size
-            rate += pace
-        most += lever[j] * pace
-    # The rounding of a sum of squares of at most `most` each; the root of it is below 1e-7 of that.
-    center = math.sqrt(max(square, 0.0) + SUM_ROUNDING * most * most)
-    center = min(center, math.sqrt(x * x + y * y + z * z) + spread)
-    speed = min(center + bend, most) + radius * spin
+            other = box.joints[i]
+            along += abs(x * other[9] + y * other[10] + z * other[11])
+        square += x * x + y * y + z * z + 2.0 * along
+    center = math.sqrt(square) + bend
+    if not center <= most:
+        center = most
     # The columns of a point far from the origin were rounded as its place was.
-    return speed + SUM_ROUNDING * (most + spin * (1.0 + radius))
+    return center + around + SUM_ROUNDING * (most + rate * (1.0 + radius))
+
+
+@merged_kernel
+def speed_from(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
+    """Bound on the speed of a sphere's points from a node of a braking table on until it rests.
+
+    Arguments as for `_speed_in_box`; the node is not the last.
+    """
+    set_span(table, node, table.time.shape[0] - 1, 1.0)
+    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
+
+
+@merged_kernel
+def speed_until(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
+    """Bound on their speed up to a node of a table of an arm that is free to move."""
+    set_span(table, 0, node, 1.0)
+    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @kernel
-def _speed_from(
-    sphere: ArmSphere, radius: float, moves: BoolArray, table: JointTable, node: int
-) -> float:
-    """Bound on the speed of a sphere's points from a node of a braking table on until it rests."""
-    last = table.time.shape[0] - 1
-    if node >= last:
-        return 0.0
-    set_span(table, node, last, 1.0)
-    speed: float = speed_in_box(
-        radius, sphere.lever, moves, table.slowest[node], table.fastest[node], table.box
-    )
-    return speed
-
-
-@kernel
-def way_from(
-    sphere: ArmSphere, radius: float, moves: BoolArray, table: JointTable, node: int
-) -> float:
+def way_from(radius: float, count: int, table: JointTable, node: int) -> float:
     """Bound on how far they can still go from then on, in [m]."""
     last = table.time.shape[0] - 1
-    if node >= last:
-        return 0.0
     forth, back = table.box.forth, table.box.back
-    for j in range(forth.shape[0]):
-        forth[j] = back[j] = whole = 0.0
+    turn = 0.0
+    for j in range(count):
+        up = down = whole = 0.0
         for k in range(node, last):
             duration = (table.time[k + 1] - table.time[k]) * (1.0 + SUM_ROUNDING)
-            up, down = max(table.fastest[k, j], 0.0), min(table.slowest[k, j], 0.0)
-            forth[j] += up * duration
-            back[j] += down * duration
-            whole += max(up, -down) * duration
+            rise, fall = max(table.fastest[k, j], 0.0), max(-table.slowest[k, j], 0.0)
+            up += rise * duration
+            down += fall * duration
+            # The greater of both; no number where either is none.
+            whole += 0.5 * (rise + fall + abs(rise - fall)) * duration
         # One that goes forth and back goes farther in all than to either side.
-        if forth[j] >= -back[j]:
-            forth[j] = whole
+        if up >= down:
+            up = whole
         else:
-            back[j] = -whole
+            down = whole
+        forth[j], back[j] = up, -down
+        turn += table.box.joints[j, 8] * whole
     set_span(table, node, last, 1.0)
-    way: float = speed_in_box(radius, sphere.lever, moves, back, forth, table.box)
-    return way
-
-
-@kernel
-def _is_harmless_from(
-    sphere: ArmSphere,
-    radius: float,
-    moves: BoolArray,
-    table: JointTable,
-    node: int,
-    max_speed: float,
-    max_way: float,
-) -> bool:
-    speed = _speed_from(sphere, radius, moves, table, node)
-    if not speed <= max_speed:
-        return False
-    return max_way == math.inf or way_from(sphere, radius, moves, table, node) <= max_way
+    way = _speed_in_box(0.0, count, back, forth, table.box, math.inf)
+    return way + radius * turn * (1.0 + SUM_ROUNDING)
 
 
 @kernel
@@ -181,19 +230,24 @@ def find_harmless_node(
     last = table.time.shape[0] - 1
     if not (max_speed > 0.0 and max_way > 0.0):
         return last, 0.0
-    if not set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box):
+    count = set_joints(sphere, moves, table.box)
+    if count < 0:
         return last, 0.0
-    if _is_harmless_from(sphere, radius, moves, table, 0, max_speed, max_way):
-        return 0, _speed_from(sphere, radius, moves, table, 0)
-    # Invariant: it is harmless from `later` on, and not known to be from `sooner` on.
-    sooner, later = 0, last
+    # Invariant: it is harmless from `later` on, and not known to be from `sooner` on. Most are
+    # harmless from the first node on, so that is asked first.
+    sooner, later, fastest = -1, last, 0.0
+    node = 0
     while later - sooner > 1:
-        middle = (sooner + later) // 2
-        if _is_harmless_from(sphere, radius, moves, table, middle, max_speed, max_way):
-            later = middle
+        speed = speed_from(radius, count, table, node, max_speed)
+        is_harmless = speed <= max_speed
+        if is_harmless and max_way < math.inf:
+            is_harmless = way_from(radius, count, table, node) <= max_way
+        if is_harmless:
+            later, fastest = node, speed
         else:
-            sooner = middle
-    return later, _speed_from(sphere, radius, moves, table, later)
+            sooner = node
+        node = (sooner + later) // 2
+    return later, fastest
 
 
 @kernel
@@ -214,19 +268,16 @@ def harmless_time(
     """
     if not max_speed > 0.0:
         return 0.0
-    if not set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box):
+    count = set_joints(sphere, moves, table.box)
+    if count < 0:
         return 0.0
     # Invariant: it is slow enough up to the time of `slow`, if that is a node, and not known to be
     # up to that of `fast`.
     slow, fast = -1, table.time.shape[0]
     while fast - slow > 1:
-        middle = (slow + fast) // 2
-        set_span(table, 0, middle, 1.0)
-        speed = speed_in_box(
-            radius, sphere.lever, moves, table.slowest[middle], table.fastest[middle], table.box
-        )
-        if speed <= max_speed:
-            slow = middle
+        node = (slow + fast) // 2
+        if speed_until(radius, count, table, node, max_speed) <= max_speed:
+            slow = node
         else:
-            fast = middle
+            fast = node
     return 0.0 if slow < 0 else float(table.time[slow]) * (1.0 - SUM_ROUNDING)

@@ -327,6 +327,7 @@ def describe_verdict(verdict: Verdict | None) -> Diagnostic:
     why = f": {verdict.reasons[0]}" if verdict.reasons else ""
     values = {
         "contact_time": f"{verdict.contact_time:.6g}",
+        "harm_time": f"{verdict.harm_time:.6g}",
         "stop_time": f"{verdict.stop_time:.6g}",
         "speed_scale": f"{read_speed_override(verdict):.6g}",
         "link": verdict.link or "",
@@ -334,6 +335,8 @@ def describe_verdict(verdict: Verdict | None) -> Diagnostic:
         "complete": str(verdict.complete).lower(),
         "reasons": "; ".join(str(reason) for reason in verdict.reasons),
     }
+    if verdict.contact_speed is not None:
+        values["contact_speed"] = f"{verdict.contact_speed:.6g}"
     return Diagnostic(level, f"{verdict.level.name}{why}", values)
 
 

@@ -54,7 +54,7 @@ class HeldMessage(msgspec.Struct):
     reason: ReasonMessage | None
     """the weightiest reason of the tick that began it; nil: a reset began it"""
     contact_time: Figure
-    """of that tick, [s]"""
+    """of that tick, [s]; of contact that no limit permits, where contact limits are stated"""
     stop_time: Figure
     """of that tick, [s]"""
     since: Figure
@@ -93,15 +93,22 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """what the verdict rests on, the weightiest first"""
     valid_until: Figure
     """silence beyond this means: brake; [s] of the machine's monotonic clock"""
-    separation: float | None = None
+    separation: float | None
     """margin of the separation distance, [m], where the cell file asks for it and it is known"""
-    certificate: CertificateMessage | None = None
+    certificate: CertificateMessage | None
     """proof of the deciding pair; `armguard run` sends none"""
-    stop: Literal["finish", "brake"] | None = None
+    stop: Literal["finish", "brake"] | None
     """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
     level is another"""
-    held: HeldMessage | None = None
+    held: HeldMessage | None
     """why the level is held, though this tick alone would earn a higher one; nil: it is not"""
+    harm_time: Figure
+    """earliest possible contact that no contact limit permits, [s] from the tick; the contact time
+    where no limits are stated, 0 where it is unknown"""
+    contact_speed: float | None
+    """greatest speed at which an obstacle could be touched before the arm rests, [m/s]; 0 where no
+    contact is possible by then, infinite where nothing is proved, nil where no contact limits are
+    stated"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -214,14 +221,15 @@ def read_verdict(
         ValueError: A level or a kind of reason is unknown.
     """
     fields = {name: getattr(message, name) for name in message.__struct_fields__}
-    for name in ("stamp", "contact_time", "stop_time", "speed_scale", "valid_until"):
+    for name in ("stamp", "contact_time", "stop_time", "speed_scale", "valid_until", "harm_time"):
         fields[name] = read(fields[name])
     if message.level not in Level.__members__:
         raise ValueError(f"level {message.level!r}")
     fields["level"] = Level[message.level]
     fields["reasons"] = _read_reasons(message.reasons)
-    if message.separation is not None:
-        fields["separation"] = read(message.separation)
+    for name in ("separation", "contact_speed"):
+        if fields[name] is not None:
+            fields[name] = read(fields[name])
     if message.certificate is not None:
         # For readers of a monitor that certifies, which few do.
         from armguard.contact.earliest import Certificate

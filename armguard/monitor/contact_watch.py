@@ -42,13 +42,17 @@ class ContactWatch:
         """Whether a link touched something in the last tick, and did not recede."""
         return self._pair != NOBODY
 
-    def update(self, tick: Tick, *, is_on_piece: bool) -> list[Reason]:
+    def update(self, tick: Tick, expiry: float, *, is_on_piece: bool) -> list[Reason]:
         """Reasons to stop for what a link touches in a tick, after its evaluations.
 
         Args:
             tick: The tick.
+            expiry: When the first certificate ends, in [s] since the epoch: while all hold, no link
+                touches anything.
             is_on_piece: Whether the arm runs a committed piece to its end, whatever verdicts say.
         """
+        if expiry > tick.time and self._pair == NOBODY:
+            return []
         pair = self._scheduler.find_touch(tick)
         if pair == NOBODY:
             self._pair, self._rest = NOBODY, None

@@ -16,13 +16,14 @@ from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
-from armguard.scheduling.scheduler import PermittedContact, Scheduler, Tick, TickResult
+from armguard.scheduling.scheduler import NO_CONTACT, PermittedContact, Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.settings import Settings
 from armguard.verdict import (
     BRAKE,
     FINISH,
     Effect,
+    Held,
     Level,
     Reason,
     ReasonKind,
@@ -94,6 +95,8 @@ class Judge:
             self._separation = SeparationMargin(settings.separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
         self._contact_limits = settings.contact_limits
+        self._permitted = NO_CONTACT
+        self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED)
         self._late_data = LateData(
             scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
         )
@@ -163,9 +166,11 @@ class Judge:
         permitted = None
         if self._contact_limits is not None and earned is not STOP and not is_proved:
             within = stop_time if earned is not SLOW else max(stop_time, tick.late_stop_time)
-            permitted = self._scheduler.find_permitted_contact(tick, within)
-            if permitted.pair != NOBODY and earned is CLEAR:
-                earned = AWARE
+            permitted = NO_CONTACT
+            if not contact_time > within:
+                permitted = self._scheduler.find_permitted_contact(tick, within)
+                if permitted.pair != NOBODY and earned is CLEAR:
+                    earned = AWARE
         may_slow = earned is SLOW and not (standing or rule.latched or rule.holds_stop(tick.now))
         if may_slow:
             proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
@@ -179,11 +184,13 @@ class Judge:
         if level is SLOW and proved is None:
             proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
         scale = self._give_scale(tick, level, proved, is_proved=is_proved)
+        names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         if level is not CLEAR and pair != NOBODY and earned is not CLEAR:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
-            reasons.append(self._tell_contact(harm_pair, harm_time))
+            deciding = names if harm_pair == pair else self._scheduler.arm.names(harm_pair)
+            reasons.append(self._tell_contact(harm_pair, deciding, harm_time))
         if permitted is not None and permitted.pair != NOBODY and level is not STOP:
             reasons.append(self._tell_permitted(permitted))
         if len(reasons) > 1:
@@ -210,15 +217,14 @@ class Judge:
             level,
             contact_time,
             scale,
-            pair,
+            names,
             evaluated,
             reasons,
             complete=complete,
             harm_time=harm_time,
             contact_speed=self._find_contact_speed(permitted, level),
+            cause=cause,
         )
-        if held:
-            verdict = verdict._replace(held=cause)
         if self._separation is not None:
             separation = self._measure_separation(tick, unplaced=unplaced)
             verdict = verdict._replace(separation=separation)
@@ -249,7 +255,7 @@ class Judge:
             level,
             0.0,
             0.0,
-            NOBODY,
+            NO_NAMES,
             0,
             [] if latches else [reason],
             complete=False,
@@ -264,17 +270,17 @@ class Judge:
         level: Level,
         contact_time: float,
         scale: float,
-        pair: int,
+        names: tuple[str | None, str | None],
         evaluated: int,
         reasons: list[Reason],
         *,
         complete: bool,
         harm_time: float,
         contact_speed: float | None,
+        cause: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
-        link, obstacle = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         stop = None
         if level is STOP:
             # On a piece of trajectory that is proved, and ends at rest, the arm may run it.
@@ -289,8 +295,7 @@ class Judge:
                 contact_time,
                 tick.stop_time,
                 scale,
-                link,
-                obstacle,
+                *names,
                 complete,
                 evaluated,
                 (*latched.values(), *reasons) if latched or reasons else (),
@@ -298,7 +303,7 @@ class Judge:
                 None,
                 None,
                 stop,
-                None,
+                cause,
                 harm_time,
                 contact_speed,
             ),
@@ -312,18 +317,22 @@ class Judge:
 
     def _tell_permitted(self, permitted: PermittedContact) -> Reason:
         """Which contact the level rests on that is permitted, up to which speed, and by whom."""
+        if permitted == self._permitted:
+            return self._told_permitted
         link, obstacle = self._scheduler.arm.names(permitted.pair)
         row = permitted.pair // len(self._scheduler.arm.links)
         regions = self._scheduler.arm.obstacles.table.regions[row]
         stated = self._contact_limits.describe(int(regions))
         detail = f"at most {permitted.speed:.2f} of {permitted.limit:.2f} m/s ({stated})"
-        return Reason(ReasonKind.CONTACT_ALLOWED, f"{link} and {obstacle}", detail)
+        self._permitted = permitted
+        self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED, f"{link} and {obstacle}", detail)
+        return self._told_permitted
 
-    def _tell_contact(self, pair: int, contact_time: float) -> Reason:
+    def _tell_contact(self, pair: int, names: tuple[Any, Any], contact_time: float) -> Reason:
         """Which pair the level rests on, and by what bound."""
         arm = self._scheduler.arm
-        link, obstacle = arm.names(pair)
-        bound = BOUND_NAMES[self._scheduler.recall(pair).bound]
+        link, obstacle = names
+        bound = BOUND_NAMES[self._scheduler.find_bound(pair)]
         detail = f"in {contact_time:.4g} s by the {bound} bound"
         if arm.obstacles.is_entrance(pair // len(arm.links)):
             detail += ", by what may come out of it unseen"

@@ -8,6 +8,7 @@ for people; it never changes the verdict.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,16 +59,18 @@ class UsualAge:
         period: Between two messages, in [s], as stated; None: no age is usual until there are
             enough samples.
 
+    Attributes:
+        median: In [s], to a tenth of itself; None while it is not known.
+        latest_usual: Data are late that are older, in [s]; infinite while that is not known.
     """
 
     def __init__(self, latency: float = 0.0, period: float | None = None) -> None:
-        self._median: float | None = None
-        self._latest_usual = math.inf
+        self.median: float | None = None
+        self.latest_usual = math.inf
         if period is not None:
             self._set(latency + 0.5 * period, latency + UPPER_SHARE * period)
-        self._counts = [0] * BINS
-        self._ring = bytearray(SAMPLES)
-        self._count = self._counted = 0
+        self._sorted, self._ring = bytearray(), bytearray(SAMPLES)
+        self._count = 0
 
     def add(self, age: float) -> None:
         """Take in one age, in [s]; one that is no number counts as the longest."""
@@ -78,47 +81,27 @@ class UsualAge:
             place = min(int(PER_OCTAVE * math.log2(age / SHORTEST)) + 1, BINS - 1)
         index = self._count % SAMPLES
         if self._count >= SAMPLES:
-            self._counts[self._ring[index]] -= 1
+            del self._sorted[bisect.bisect_left(self._sorted, self._ring[index])]
         self._ring[index] = place
-        self._counts[place] += 1
+        bisect.insort(self._sorted, place)
         self._count += 1
-
-    @property
-    def median(self) -> float | None:
-        """In [s], to a tenth of itself; None while it is not known."""
-        self._follow()
-        return self._median
-
-    @property
-    def latest_usual(self) -> float:
-        """Data are late that are older, in [s]; infinite while that is not known."""
-        self._follow()
-        return self._latest_usual
-
-    def _follow(self) -> None:
-        """Take the samples into account; few ticks ask, so that most samples cost no more."""
-        if self._counted < self._count and self._count >= FEWEST_SAMPLES:
-            self._counted = self._count
+        if self._count >= FEWEST_SAMPLES:
             self._set(self._find_quantile(0.5), self._find_quantile(UPPER_SHARE))
 
     def _set(self, median: float, upper: float) -> None:
-        self._median = median
-        self._latest_usual = max(UNUSUAL * median, UNUSUAL_UPPER * upper)
+        self.median = median
+        self.latest_usual = max(UNUSUAL * median, UNUSUAL_UPPER * upper)
 
     def _find_quantile(self, share: float) -> float:
         """The age below which a share of the samples lies, in [s]."""
-        left = share * min(self._count, SAMPLES)
-        place = 0
-        while left > self._counts[place]:
-            left -= self._counts[place]
-            place += 1
+        place = self._sorted[math.ceil(share * len(self._sorted)) - 1]
         return SHORTEST * 2.0 ** ((place - 0.5) / PER_OCTAVE) if place else SHORTEST
 
     def find_lateness(self, age: float) -> float:
         """By how much an age exceeds the usual one, in [s]; 0 where that is not unusual."""
-        if not age > self.latest_usual or self._median is None:
+        if not age > self.latest_usual or self.median is None:
             return 0.0
-        return age - self._median
+        return age - self.median
 
 
 class LateData:

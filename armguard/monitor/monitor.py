@@ -628,7 +628,7 @@ class Monitor:
         self._last = tick, result
         contact = self._contact
         if contact is not None:
-            reasons += contact.update(tick, is_on_piece=is_proved)
+            reasons += contact.update(tick, result.expiry, is_on_piece=is_proved)
         for row in result.broken:
             if not obstacles.table.touched[row]:
                 reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))

@@ -25,7 +25,7 @@ import numpy as np
 
 from armguard.bounds.free_body import displacement_at, length_above, top_speed
 from armguard.bounds.joint_table import JointTable, set_span
-from armguard.bounds.surface_speed import way_from
+from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.gjk import nearest_on_hull
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
@@ -403,7 +403,7 @@ def find_short_way_node(
     """From which node of a braking table on a sphere presses a clamped part no farther than a way.
 
     Args:
-        sphere: Of the arm, whose columns are in the table's box.
+        sphere: Of the arm.
         radius: Its radius, in [m].
         moves: Which joints move it. Shape (nv,).
         table: Of an arm that brakes until it rests, with velocities.
@@ -412,6 +412,9 @@ def find_short_way_node(
         max_way: The way, in [m].
     """
     last = table.time.shape[0] - 1
+    count = set_joints(sphere, moves, table.box)
+    if not (count >= 0 and max_way > 0.0):
+        return last
     sooner, later = -1, last
     # Invariant: the way is short enough from `later` on, and not known to be from `sooner` on.
     while later - sooner > 1:
@@ -420,7 +423,7 @@ def find_short_way_node(
         if clamp.by_link:
             is_short = _closing_way(table, gaps, middle) <= max_way
         if is_short and clamp.by_obstacle:
-            way = way_from(sphere, radius, moves, table, middle)
+            way = way_from(radius, count, table, middle)
             way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
             is_short = way <= max_way
         if is_short:

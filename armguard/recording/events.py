@@ -28,7 +28,7 @@ from armguard.messages.incoming import (
     WatchMessage,
 )
 
-FORMAT = 3
+FORMAT = 4
 """Of recordings; a reader refuses those of another one."""
 
 

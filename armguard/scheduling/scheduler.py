@@ -59,7 +59,7 @@ from armguard.scheduling.deadline_kernels import (
 )
 from armguard.scheduling.layouts import Layouts
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
-from armguard.scheduling.tournament import ROOT, entries_of
+from armguard.scheduling.tournament import entries_of
 from armguard.settings.settings import MOST_EVALUATIONS, Settings
 
 
@@ -157,6 +157,10 @@ class PermittedContact(NamedTuple):
     """How fast the link's surface is then at most, in [m/s]."""
     limit: float
     """How fast it may be, in [m/s]."""
+
+
+NO_CONTACT = PermittedContact(NOBODY, 0.0, math.inf)
+"""That there is no such contact."""
 
 
 class PairResult(NamedTuple):
@@ -543,10 +547,6 @@ class Scheduler:
 
         To be asked after the tick's evaluations, where contact limits are stated.
         """
-        if not self.certificates.expiry_tree[ROOT] <= tick.time:
-            # Each pair has a certificate that holds.
-            self._obstacles.table.marks.touched.fill(False)
-            return NOBODY
         self._place(tick.number, tick.q)
         row, link = self._find_touch(self._tick_data, _moment_of(tick), self._candidates)
         return NOBODY if row == NOBODY else row * self._links + link
@@ -571,6 +571,10 @@ class Scheduler:
             certificates.pair_sphere.item(place),
             certificates.pair_bound.item(place),
         )
+
+    def find_bound(self, pair: int) -> int:
+        """What a pair's certificate rests on, an index of `BOUND_NAMES`."""
+        return self.certificates.pair_bound.item(divmod(pair, self._links))
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""

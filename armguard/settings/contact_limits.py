@@ -198,3 +198,19 @@ class ContactLimits(msgspec.Struct, frozen=True):
             gap[number] = GAPS[region] if limit.gap is None else limit.gap
             thickness[number] = THICKNESSES[region] if limit.thickness is None else limit.thickness
         return max_speed, max_way, gap, thickness
+
+    def describe(self, regions: int) -> str:
+        """The strictest limit of a set of regions, in words, with its source.
+
+        Args:
+            regions: Set of numbers of regions: number k adds 2**k to it.
+        """
+        limits = [
+            (limit.max_speed, region, limit.source)
+            for region, limit in self.by_region.items()
+            if (regions >> NUMBERS[region]) & 1
+        ]
+        if not limits:
+            return "no limit"
+        _, region, source = min(limits)
+        return f"{region}: {source}"

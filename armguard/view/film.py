@@ -48,6 +48,8 @@ class Moment(NamedTuple):
     """In [s]."""
     speed_scale: float
     """The least since the moment before."""
+    harm_time: float | None
+    """As the contact time, of contact that no limit permits; None: no limits are stated."""
     payload: bytes
     """The frame, as it came."""
 
@@ -115,6 +117,7 @@ class Film:
             verdict.contact_time,
             verdict.stop_time,
             verdict.speed_scale,
+            verdict.harm_time,
             payload,
         )
         before = self._open
@@ -212,10 +215,12 @@ class Film:
 def _merge(before: Moment, after: Moment) -> Moment:
     """The later moment, with the worst of both."""
     worst = before if _rank(before.level) < _rank(after.level) else after
+    harm_times = [one.harm_time for one in (before, after) if one.harm_time is not None]
     return after._replace(
         level=worst.level,
         contact_time=min(before.contact_time, after.contact_time),
         speed_scale=min(before.speed_scale, after.speed_scale),
+        harm_time=min(harm_times) if harm_times else None,
     )
 
 

@@ -164,6 +164,10 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         cause: What it began with, in plain words; empty where it is latched, or not told.
         rises_at: The earliest time at which a level that is held may rise, in [s] of the monitor;
             None: it is not held.
+        harm_time: Earliest contact from now that no contact limit permits, in [s]; None: no limits
+            are stated.
+        contact_speed: How fast an obstacle could be touched before the arm rests, in [m/s]; None:
+            no limits are stated.
     """
 
     level: str
@@ -178,6 +182,8 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     since: float | None = None
     cause: str = ""
     rises_at: float | None = None
+    harm_time: float | None = None
+    contact_speed: float | None = None
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True):

@@ -93,4 +93,5 @@ def describe_moment(moment: Moment) -> tuple[Any, ...]:
         moment.contact_time,
         moment.stop_time,
         moment.speed_scale,
+        moment.harm_time,
     )

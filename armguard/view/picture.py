@@ -435,13 +435,16 @@ class Picture:
     def _describe(self, message: FrameMessage, notes: list[str]) -> Command:
         """What the panels say."""
         verdict = message.verdict
-        own = find_levels([verdict.contact_time], verdict.stop_time, self._margins, verdict.level)
+        harm_time = verdict.contact_time if verdict.harm_time is None else verdict.harm_time
+        times = verdict.contact_time, harm_time
+        own = find_levels(times, verdict.stop_time, self._margins, verdict.level)
         content = {
             **msgspec.structs.asdict(verdict),
             "sequence": message.sequence,
             "now": message.now,
             "wall": message.wall,
             "contact_level": LEVELS[int(own[0])],
+            "harm_level": LEVELS[int(own[1])],
             "load": message.load,
             "obstacles": len(message.obstacles.ids) + message.omitted,
             "sources": message.sources,

@@ -47,6 +47,25 @@ def test_each_change_of_level_is_told_with_its_weightiest_reasons():
     ]
 
 
+def test_contact_that_is_allowed_and_one_that_lasts_are_told():
+    allowed = Reason(
+        ReasonKind.CONTACT_ALLOWED,
+        "panda_hand and left_hand",
+        "at most 0.21 of 0.9 m/s (hand: a test)",
+    )
+    touched = Reason(ReasonKind.IN_CONTACT, "panda_hand and left_hand", "since 12.5")
+    moved = Reason(ReasonKind.MOVED_BY_CONTACT, "panda_joint4", "by 0.02 rad")
+    lines = announce(
+        (0.0, verdict(Level.AWARE, reasons=(allowed,))), (1.0, stop(touched)), (2.0, stop(moved))
+    )
+    assert str(allowed).startswith("contact allowed: panda_hand and left_hand (at most 0.21 of 0.9")
+    assert lines == [
+        f"AWARE {allowed}\n",
+        "STOP  in contact: panda_hand and left_hand (since 12.5)\n",
+        "STOP  contact moved a joint: panda_joint4 (by 0.02 rad)\n",
+    ]
+
+
 def test_a_stop_of_another_cause_is_told_and_waiting_for_evidence_is_none():
     waiting = Reason(ReasonKind.NOT_YET_COMPLETE, "joints", "no joint state has arrived yet")
     lines = announce(

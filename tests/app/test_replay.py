@@ -12,7 +12,15 @@ import pytest
 
 from armguard.app.cli import MISTAKE, main
 from armguard.app.processes import COMPLAINT
-from armguard.app.replay import COLUMNS, StopList, find_next, read_changes, read_time
+from armguard.app.replay import (
+    COLUMNS,
+    StopList,
+    Watch,
+    explain_tick,
+    find_next,
+    read_changes,
+    read_time,
+)
 from armguard.app.summary import VerdictCounts
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording, Replay, ReplayedTick
@@ -155,6 +163,25 @@ def test_a_verdict_is_explained_by_either_clock(path, capsys):
     assert f"{verdict.level.name} since " in by_monitor
     _, out, _ = run(capsys, path, "--explain", f"{tick.now}", "--json")
     assert "because: " in json.loads(out)["explained"]
+
+
+def test_an_explanation_tells_what_a_contact_limit_permitted():
+    class Nothing:
+        explain = staticmethod(lambda: None)
+        pairs = staticmethod(lambda count: [])
+
+    allowed = Reason(
+        ReasonKind.CONTACT_ALLOWED, "hand and arm", "at most 0.21 of 0.9 m/s (arm: a test)"
+    )
+    verdict = VERDICT._replace(
+        level=Level.AWARE, contact_time=0.05, harm_time=0.5, contact_speed=0.21, reasons=(allowed,)
+    )
+    watch = Watch("1.0")
+    watch.take(ReplayedTick(0, 1.0, verdict, verdict, True, True))
+    first, since, because = explain_tick(Nothing(), watch)
+    assert first.endswith("AWARE, contact time 0.050 s, harm time 0.500 s, stop time 0.100 s")
+    assert since.endswith(str(allowed))
+    assert because == f"because: {allowed}"
 
 
 def test_a_stop_by_late_data_is_explained_as_one(tmp_path, capsys):

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 
 import pytest
 
@@ -192,3 +193,36 @@ def test_ticks_that_knew_nothing_have_no_contact():
     # Touching is a contact, and so is what is possible soon, whatever else is wrong.
     assert count(verdict(Level.STOP, 0.0, reasons=(contact,))).min_contact_time == 0.0
     assert count(verdict(Level.STOP, 0.1, reasons=(silent,))).min_contact_time == 0.1
+    touched = Reason(ReasonKind.IN_CONTACT, "hand and left_hand", "since 12.5")
+    assert count(verdict(Level.STOP, 0.0, reasons=(touched, contact))).min_contact_time == 0.0
+
+
+def test_what_contact_limits_permitted_is_told_only_where_they_are_stated():
+    summary = summarise(make_report(), count(verdict(Level.AWARE, 0.1, harm_time=0.1)))
+    assert summary["contact_limits"] is None
+    assert "contact allowed" not in show(summary, 80)
+    allowed = Reason(ReasonKind.CONTACT_ALLOWED, "hand and left_hand", "at most 0.21 of 0.9 m/s")
+    permitted = verdict(
+        Level.AWARE, 0.1, harm_time=0.5, contact_speed=0.21, reasons=(allowed,), stamp=1.0
+    )
+    far = verdict(Level.CLEAR, 2.0, harm_time=2.0, contact_speed=0.0)
+    summary = summarise(make_report(), count(permitted, far, far, far))
+    assert summary["contact_limits"] == {
+        "ticks": 1,
+        "min_harm_time": 0.5,
+        "max_contact_speed": 0.21,
+    }
+    shown = show(summary, 80)
+    assert re.search(r"soonest contact *│ 0\.100 s", shown)
+    assert re.search(r"soonest harm *│ 0\.500 s", shown)
+    assert re.search(r"contact allowed *│ .* % of the time, at most 0\.21 m/s", shown)
+    unproved = permitted._replace(contact_speed=math.inf, harm_time=math.inf)
+    summary = summarise(make_report(), count(unproved))
+    assert summary["contact_limits"] == {
+        "ticks": 1,
+        "min_harm_time": None,
+        "max_contact_speed": None,
+    }
+    assert "speed unknown" in show(summary, 80)
+    json.dumps(summary, allow_nan=False)
+    assert "never possible" in show(summarise(make_report(), count(far)), 80)

@@ -13,6 +13,7 @@ from armguard.app.view_feed import (
     ROW_LIMIT,
     MonitorFeed,
 )
+from armguard.verdict import Level, Reason, ReasonKind
 from armguard.view import FrameMessage, SceneMessage
 from armguard.view.messages import Origin, decode_message, encode_message
 
@@ -78,6 +79,24 @@ def test_a_frame_says_what_the_verdict_says(robot):
     assert frame.pairs.buckets.sum() == 3 * len(robot.links)
     assert frame.verdict.effects == tuple(one.kind.effect.value for one in verdict.reasons)
     assert frame.obstacles.ids[0] == verdict.obstacle
+
+
+@pytest.mark.parametrize(("contact_speed", "harm_time"), [(None, None), (0.0, 0.5), (0.21, 0.5)])
+def test_a_frame_has_what_contact_limits_permit_where_they_are_stated(
+    robot, contact_speed, harm_time
+):
+    monitor, verdict, messages = observe(robot)
+    allowed = Reason(
+        ReasonKind.CONTACT_ALLOWED, "panda_hand and ball0", "at most 0.21 of 0.9 m/s (hand: a test)"
+    )
+    feed = MonitorFeed(monitor, messages)
+    told = verdict._replace(
+        level=Level.AWARE, harm_time=0.5, contact_speed=contact_speed, reasons=(allowed,)
+    )
+    feed.observe(told, 0.5, Durations(), 0)
+    shown = messages.frames[-1].verdict
+    assert (shown.harm_time, shown.contact_speed) == (harm_time, contact_speed)
+    assert (shown.reasons, shown.effects, shown.cause) == ((str(allowed),), ("note",), str(allowed))
 
 
 def test_frames_keep_their_pace(robot):

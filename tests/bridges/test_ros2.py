@@ -244,6 +244,12 @@ def test_verdicts_are_diagnostics_and_a_speed(panda):
         assert found.message.startswith(level.name)
         assert all(isinstance(value, str) for value in found.values.values())
         assert float(found.values["speed_scale"]) == (0.0 if level is Level.STOP else 0.5)
+    assert "contact_speed" not in describe_verdict(verdict).values
+    limited = verdict._replace(harm_time=0.25, contact_speed=0.21)
+    assert describe_verdict(limited).values.items() >= {
+        ("harm_time", "0.25"),
+        ("contact_speed", "0.21"),
+    }
     for wrong in (np.nan, -1.0, 2.0):
         one = verdict._replace(level=Level.CLEAR, speed_scale=wrong)
         assert read_speed_override(one) == 0.0

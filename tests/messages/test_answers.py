@@ -24,6 +24,7 @@ VERDICT = Verdict(
     evaluated=12,
     reasons=(Reason(ReasonKind.CONTACT, "hand and person", "in 0.2 s"),),
     valid_until=1.003,
+    harm_time=math.inf,
 )
 
 
@@ -61,7 +62,7 @@ def test_json_has_the_same_fields_and_no_number_that_json_lacks():
 @ENCODINGS
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1e308, -1e308])
 def test_a_stop_is_read_whatever_its_numbers_are(number, as_json):
-    names = "stamp", "contact_time", "stop_time", "speed_scale"
+    names = "stamp", "contact_time", "stop_time", "speed_scale", "harm_time"
     proof = Certificate(number, np.array([number, 1.0]), np.array([[number, 0.0, 1.0]] * 2))
     changes = dict.fromkeys([*names, "valid_until", "separation"], number)
     stop = VERDICT._replace(level=Level.STOP, certificate=proof, **changes)
@@ -84,7 +85,7 @@ def test_a_stop_is_read_whatever_its_numbers_are(number, as_json):
     assert (number, answer.safe) == (7, False)
 
 
-@pytest.mark.parametrize("field", ["stamp", "valid_until", "speed_scale"])
+@pytest.mark.parametrize("field", ["stamp", "valid_until", "speed_scale", "harm_time"])
 def test_a_number_of_a_verdict_may_be_null_but_not_missing(field):
     told = json.loads(encode_verdict(VERDICT, 0.0, as_json=True))
     assert math.isnan(getattr(decode_answer(json.dumps(told | {field: None}).encode()), field))
@@ -106,6 +107,35 @@ def test_the_margin_of_the_separation_distance_survives_the_wire(margin):
     data = encode_verdict(VERDICT._replace(separation=margin), 0.0)
     assert decode_answer(data).separation == margin
     assert msgspec.msgpack.decode(data)["separation"] == margin
+
+
+@ENCODINGS
+@pytest.mark.parametrize("harm_time", [0.0, 0.125, math.inf])
+@pytest.mark.parametrize("contact_speed", [0.0, 0.21, math.inf, None])
+def test_what_contact_limits_permit_survives_the_wire(contact_speed, harm_time, as_json):
+    reasons = (
+        Reason(ReasonKind.IN_CONTACT, "panda_hand and left_hand", "since 12.5"),
+        Reason(ReasonKind.MOVED_BY_CONTACT, "panda_joint4", "by 0.02 rad"),
+        Reason(ReasonKind.CONTACT_ALLOWED, "hand and arm", "at most 0.21 of 0.9 m/s (arm: a test)"),
+    )
+    permitted = VERDICT._replace(
+        contact_time=0.0, harm_time=harm_time, contact_speed=contact_speed, reasons=reasons
+    )
+    data = encode_verdict(permitted, 0.0, as_json=as_json)
+    found = decode_answer(data)
+    assert found._replace(valid_until=VERDICT.valid_until) == permitted
+    if as_json:
+        json.loads(data, parse_constant=pytest.fail)
+
+
+@pytest.mark.parametrize("field", ["harm_time", "contact_speed"])
+@ENCODINGS
+def test_a_verdict_of_an_older_monitor_is_refused_by_what_it_lacks(field, as_json):
+    code = msgspec.json if as_json else msgspec.msgpack
+    told = code.decode(encode_verdict(VERDICT, 0.0, as_json=as_json))
+    del told[field]
+    with pytest.raises(MessageError, match=rf"{field}.*a verdict of this version"):
+        decode_answer(code.encode(told))
 
 
 @ENCODINGS

@@ -52,6 +52,15 @@ def test_what_is_near_says_by_which_bound():
     assert f"{verdict.contact_time:.4g} s" in reason.detail
 
 
+@pytest.mark.parametrize("position", [FAR, NEAR, AT_HAND])
+def test_without_contact_limits_harm_is_contact(position):
+    monitor, verdict = one(position)
+    refused = monitor.step(1e-3, [float("nan")] * 7, STILL)
+    for told in (verdict, refused):
+        assert (told.harm_time, told.contact_speed) == (told.contact_time, None)
+    assert refused.harm_time == 0.0
+
+
 @pytest.mark.parametrize("case", ["no sources", "refused", "exempt"])
 def test_what_holds_a_stop_is_the_weightiest_reason_and_no_note(case):
     obstacles, monitor = make_monitor(obstacles=Obstacles(sources=[]))

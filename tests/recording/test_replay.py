@@ -149,11 +149,12 @@ def test_one_bit_of_one_input_is_found_out(path):
     assert f"tick {first.replayed.sequence}" in str(difference)
 
 
-def test_one_bit_of_one_verdict_is_found_out_with_the_field_and_the_cause(path):
+@pytest.mark.parametrize("name", ["stop_time", "harm_time"])
+def test_one_bit_of_one_verdict_is_found_out_with_the_field_and_the_cause(name, path):
     def edit(_, event):
         if isinstance(event, VerdictMessage) and event.sequence == 200:
-            later = float(np.nextafter(event.stop_time, 9.0))
-            event = msgspec.structs.replace(event, stop_time=later)
+            later = float(np.nextafter(getattr(event, name), 9.0))
+            event = msgspec.structs.replace(event, **{name: later})
         yield event
 
     recording = Edited(path, edit)
@@ -161,11 +162,21 @@ def test_one_bit_of_one_verdict_is_found_out_with_the_field_and_the_cause(path):
     _, report = run(recording)
     assert report.difference.sequence == 200
     (field,) = report.difference.fields
-    assert field.startswith("stop_time: 0.")
+    assert field.startswith(f"{name}: 0.")
     told = str(report.difference)
     for cause in ("another compiler (numba): 0.61.0 recorded", "another processor: pentium"):
         assert cause in told
     assert "another cover: other recorded" in told
+
+
+def test_a_contact_speed_that_one_of_the_two_lacks_is_found_out(path):
+    def edit(_, event):
+        if isinstance(event, VerdictMessage) and event.sequence == 200:
+            event = msgspec.structs.replace(event, contact_speed=0.21)
+        yield event
+
+    _, report = run(Edited(path, edit))
+    assert report.difference.fields == ("contact_speed: 0.21 recorded, None replayed",)
 
 
 def test_one_bit_of_one_answer_to_a_plan_is_found_out(tmp_path):

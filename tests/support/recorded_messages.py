@@ -59,6 +59,8 @@ VERDICTS = [
     VERDICT._replace(reasons=(), stamp=-0.0),
     VERDICT._replace(held=Held(None, math.inf, 0.25, 1.5, 2.0)),
     VERDICT._replace(held=Held(CAUSE, 0.1, 0.25, -0.0, 2.0)),
+    VERDICT._replace(contact_time=-0.0, harm_time=5e-324, contact_speed=0.1 + 0.2),
+    VERDICT._replace(harm_time=math.nan, contact_speed=math.inf),
 ]
 MESSAGES = [
     JointState(-0.0, ["a", "b"], PACKED[:16], PACKED[16:32], now=math.nan),

@@ -475,6 +475,62 @@ def test_a_pointer_is_told_a_name_and_two_clicks_look_there(feed, page):
     page.get_by_label("all that matters").click()
 
 
+def permit(**changes):
+    """A verdict beside a hand that the arm may touch at its speed."""
+    fields = {
+        "level": "AWARE",
+        "contact_time": 0.05,
+        "stop_time": 0.2,
+        "speed_scale": 1.0,
+        "link": "panda_hand",
+        "obstacle": "left_hand",
+        "reasons": (
+            "contact allowed: panda_hand and left_hand (at most 0.21 of 0.9 m/s (hand: X))",
+        ),
+        "effects": ("note",),
+        "harm_time": 1.25,
+        "contact_speed": 0.21,
+    }
+    return VerdictSummary(**(fields | changes))
+
+
+def test_what_contact_limits_permit_is_shown_only_where_they_are_stated(feed, page):
+    limited = ["#harm", "#touch"]
+    feed.show("AWARE")
+    wait_for_text(page, "contact", "400 ms")
+    before = page.inner_text("body")
+    assert not any(map(page.is_visible, limited))
+    assert "harm" not in before
+    assert "levels by contact time" in page.inner_text("#legend")
+    shown = {
+        (0.21, 1.25): ("1.25 s", "at most 0.21 m/s"),
+        (0.0, np.inf): ("none in sight", "no contact before rest"),
+        (np.inf, 0.0): ("0 ms", "unknown"),
+    }
+    for (contact_speed, harm_time), texts in shown.items():
+        feed.show("AWARE", verdict=permit(contact_speed=contact_speed, harm_time=harm_time))
+        wait_for_text(page, "harm", texts[0])
+        wait_for_text(page, "contact", "50 ms")
+        assert tuple(map(page.inner_text, limited)) == texts
+    feed.show("AWARE", verdict=permit())
+    wait_for_text(page, "harm", "1.25 s")
+    assert page.inner_text("#reasons").startswith("contact allowed: panda_hand and left_hand")
+    assert "0.21 of 0.9 m/s" in page.inner_text("#reasons")
+    assert "levels by harm time" in page.inner_text("#legend")
+    # The arm may be touched, and would rest long before harm.
+    sides = "(id) => getComputedStyle(document.getElementById(id)).color"
+    assert page.evaluate(sides, "harm") != page.evaluate(sides, "contact")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        settle(page)
+        assert page.evaluate(FIND_FLAWS) == []
+    page.set_viewport_size({"width": 900, "height": 600})
+    feed.show("AWARE")
+    wait_for_text(page, "contact", "400 ms")
+    assert not any(map(page.is_visible, limited))
+    assert page.problems == []
+
+
 def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     jump, gap = "joint state jumped: panda_joint3", "gap in joint states"
     latches = (

@@ -38,6 +38,18 @@ def test_ten_moments_a_second_are_kept_each_with_the_worst_since_the_last():
     assert numbers == sorted(set(numbers))
 
 
+def test_a_moment_has_the_soonest_harm_since_the_last_where_limits_are_stated():
+    film, times = Film(), [None] * 20 + [0.7] * 20
+    times[5], times[30] = 0.4, 0.2
+    frames = [frame_at(0.01 * place) for place in range(len(times))]
+    for frame, harm_time in zip(frames, times, strict=True):
+        verdict = msgspec.structs.replace(frame.verdict, harm_time=harm_time)
+        shoot(film, msgspec.structs.replace(frame, verdict=verdict))
+    told = [moment.harm_time for moment in film.moments]
+    assert told[0] is None
+    assert {one for one in told if one is not None} == {0.4, 0.7, 0.2}
+
+
 def test_a_stop_is_a_moment_of_its_own_and_an_event_with_its_reason():
     film = Film()
     shoot(

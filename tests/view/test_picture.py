@@ -71,6 +71,19 @@ def test_no_contact_time_looks_more_alarming_than_the_verdict(page):
         assert page["banner "]["contact_level"] == earned
 
 
+def test_where_contact_limits_are_stated_the_time_of_harm_earns_a_level_of_its_own(page):
+    verdict = VerdictSummary(
+        level="AWARE", contact_time=0.05, stop_time=0.171, harm_time=1.5, contact_speed=0.21
+    )
+    page.picture.draw_frame(make_frame(0.05, verdict=verdict))
+    told = page["banner "]
+    assert (told["contact_level"], told["harm_level"]) == ("AWARE", "CLEAR")
+    assert (told["harm_time"], told["contact_speed"]) == (1.5, 0.21)
+    page.picture.draw_frame(make_frame(0.05))
+    told = page["banner "]
+    assert told["harm_time"] is told["contact_speed"] is None
+
+
 def test_matrices_place_balls_and_rods(page):
     balls = page["instances /armguard/obstacles/balls"]["matrices"].reshape(-1, 4, 4)
     assert len(balls) == 3  # one ball, and the two ends of a capsule

@@ -22,6 +22,7 @@ POLL_INTERVAL = 50
 USUAL = frozenset(
     {
         ReasonKind.CONTACT,
+        ReasonKind.CONTACT_ALLOWED,
         ReasonKind.HOLD,
         ReasonKind.CROWD,
         ReasonKind.BUDGET_SPENT,

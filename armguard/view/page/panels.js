@@ -1,6 +1,6 @@
 // The panels: what the verdict says, what it rests on, who is heard, and what the colours mean.
 import { paint } from "./colours.js";
-import { age, brief, clock, element, item, microseconds, prose, seconds, stopTime } from "./words.js";
+import { age, brief, clock, element, item, microseconds, prose, seconds, speed, stopTime } from "./words.js";
 
 const GREY = "var(--none)";
 const SLUGGISH = 0.5; // share of its timeout after which a source is called slow
@@ -64,10 +64,8 @@ export class Panels {
 
   show(verdict) {
     this.latest = verdict;
-    element("contact").textContent = seconds(verdict.contact_time);
-    // The number has the colour of the level that it earns by itself.
-    const own = this.colour(verdict.sequence > 0 ? verdict.contact_level : "");
-    element("contact").style.color = `color-mix(in srgb, ${own} 65%, var(--pole))`;
+    this.showTime("contact", verdict.contact_time, verdict.contact_level);
+    this.showLimited(verdict);
     element("stop").textContent = stopTime(verdict.stop_time);
     element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
     this.showCause(verdict);
@@ -104,6 +102,23 @@ export class Panels {
     const count = `${verdict.obstacles} obstacle${verdict.obstacles === 1 ? "" : "s"}`;
     element("source").textContent = this.isModel ? this.scene.robot
       : `${this.scene.robot} · ${count} · tick ${verdict.sequence} · ${clock(verdict.wall, verdict.now)}`;
+  }
+
+  // The number has the colour of the level that it earns by itself.
+  showTime(id, time, level) {
+    element(id).textContent = seconds(time);
+    const own = this.colour(this.latest.sequence > 0 ? level : "");
+    element(id).style.color = `color-mix(in srgb, ${own} 65%, var(--pole))`;
+  }
+
+  // What there is only where contact limits are stated.
+  showLimited({ harm_time, harm_level, contact_speed }) {
+    const isLimited = harm_time !== null;
+    for (const id of ["harm", "touch"]) element(id).parentElement.hidden = !isLimited;
+    element("by").textContent = isLimited ? "harm" : "contact";
+    if (!isLimited) return;
+    this.showTime("harm", harm_time, harm_level);
+    element("touch").textContent = speed(contact_speed);
   }
 
   // A level that is held tells what it began with, since when, and when it may rise.

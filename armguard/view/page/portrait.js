@@ -15,7 +15,11 @@ export function savePortrait(viewer, panels, isByLevel) {
     tone("--level"), 2]];
   if (verdict !== null) {
     lines.push([clock(verdict.wall, verdict.now), tone("--ink"), 1]);
-    lines.push([`contact time ${seconds(verdict.contact_time)}, stop time ${stopTime(verdict.stop_time)}`, tone("--ink"), 1]);
+    const harm = verdict.harm_time === null ? "" : `harm time ${seconds(verdict.harm_time)}, `;
+    lines.push([
+      `contact time ${seconds(verdict.contact_time)}, ${harm}stop time ${stopTime(verdict.stop_time)}`,
+      tone("--ink"), 1,
+    ]);
     lines.push([element("cause").textContent.trim().slice(0, 90), tone("--ink"), 1]);
     lines.push(...verdict.reasons.slice(0, 2).map((text) => [text.slice(0, 90), tone("--faint"), 1]));
   }

@@ -16,7 +16,7 @@ export class Strip {
   // seek: shows the moment of a number.
   constructor(seek) {
     this.seek = seek;
-    this.moments = []; // { number, now, wall, level, contact, stop, speed }
+    this.moments = []; // { number, now, wall, level, contact, stop, speed, harm }
     this.events = [];
     this.levels = []; // { name, paint }, the lowest first
     this.at = null; // number of the moment that is shown; null: the present
@@ -41,8 +41,8 @@ export class Strip {
 
   take(news) {
     if (news.anew) this.moments = this.events = [];
-    const fresh = news.moments.map(([number, now, wall, level, contact, stop, speed]) => (
-      { number, now, wall, level, contact, stop, speed }));
+    const fresh = news.moments.map(([number, now, wall, level, contact, stop, speed, harm]) => (
+      { number, now, wall, level, contact, stop, speed, harm }));
     const keep = ({ number }) => number >= news.first;
     this.moments = [...this.moments, ...fresh].filter(keep);
     this.events = [...this.events, ...news.events].filter(keep);
@@ -114,10 +114,12 @@ export class Strip {
     }
     this.drawCurve(pen, shown, x, (moment) => y(moment.stop), { dash: [4, 3], colour: tone("--pole") });
     this.drawCurve(pen, shown, x, (moment) => y(moment.contact), { dash: [], colour: tone("--curve") });
+    const limited = shown.filter(({ harm }) => harm !== null);
+    this.drawCurve(pen, limited, x, (moment) => y(moment.harm), { dash: [1, 3], colour: tone("--remark") });
     if (height > 100) {
       for (const time of LINES) this.write(pen, `${time} s`, tone("--faint"), 2, y(time) - 2);
     }
-    this.drawKey(pen, height > 100 ? 40 : 2);
+    this.drawKey(pen, height > 100 ? 40 : 2, limited.length > 0);
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = tone("--pole");
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
@@ -144,10 +146,10 @@ export class Strip {
   }
 
   // On the left, where it covers what is oldest.
-  drawKey(pen, left) {
+  drawKey(pen, left, isLimited) {
     const words = [
-      ["— contact time", tone("--curve")], ["-- stop time", tone("--pole")],
-      ["▮ allowed speed", tone("--faint")],
+      ["— contact time", tone("--curve")], ...(isLimited ? [["··· harm time", tone("--remark")]] : []),
+      ["-- stop time", tone("--pole")], ["▮ allowed speed", tone("--faint")],
     ];
     for (const [text, colour] of words) {
       this.write(pen, text, colour, left, TOP + 12);

@@ -16,6 +16,12 @@ export function stopTime(value) {
   return value < Infinity ? seconds(value) : "unknown";
 }
 
+// Of a contact.
+export function speed(value) {
+  if (!(value < Infinity)) return "unknown";
+  return value > 0 ? `at most ${value.toFixed(2)} m/s` : "no contact before rest";
+}
+
 export function microseconds(value) {
   if (!(value < Infinity)) return "–";
   return value < 0.9995e-3 ? `${(1e6 * value).toFixed(0)} µs` : `${(1e3 * value).toFixed(1)} ms`;
