@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -160,8 +160,6 @@ class Attack(NamedTuple):
     touches: list[Touch]
     head_gap: float
     """The least distance of the head from the arm while that moved, in [m]; inf: no head."""
-    was_stopped: bool
-    """Whether the arm was told to stop before it touched."""
 
     def share(self, touch: Touch) -> float:
         """What a contact did, as a share of what the limit allows.
@@ -215,6 +213,8 @@ class Fight:
         self.now = 0.0
         self.obeying = int((LATENCY + REACTION) * RATE + 1e-6)
         self.names: list[str] = []
+        # What is measured of the arm at the start: one time has one joint state.
+        self.first: tuple[np.ndarray, np.ndarray] | None = None
         self.best: dict[tuple[str, int], list[tuple[float, int, Plan]]] = {}
 
     def attack(self, part: Part, mode: int, stiffness: float) -> Attack | None:
@@ -228,6 +228,7 @@ class Fight:
         margin = 0.02 + 0.2 * self.top
         if not ((places > self.lower + margin) & (places < self.upper - margin)).all():
             return None
+        self.first = None
         found = self._choose_place(plan, places)
         if found is None:
             return None
@@ -246,7 +247,9 @@ class Fight:
         if random.random() < 0.3:  # stretched, or folded
             q[1:-1] = np.where(random.random(nv - 2) < 0.7, 0.0, q[1:-1])
             q = np.clip(q, self.lower + 0.05, self.upper - 0.05)
-        pace = self.top * random.choice([0.15, 0.3, 0.6, 1.0])
+        # A clamped part may be pressed a few millimetres only.
+        slow, fast = ([0.02, 0.05], [0.1, 0.3]) if mode == CLAMP else ([0.15, 0.3], [0.6, 1.0])
+        pace = self.top * random.choice(slow + fast)
         velocities = np.clip(random.uniform(-1.5, 1.5, (3, nv)), -1.0, 1.0) * pace
         velocities[:, random.random(nv) < random.choice([0.0, 0.5, 0.8])] *= 0.1
         if random.random() < 0.6:  # goes on, and speeds up
@@ -365,16 +368,17 @@ class Fight:
         return self._ask(0.0) is not Level.STOP
 
     def _begin(self, plan: Plan, contact: Contact) -> None:
-        """Let the monitor know nothing of what was before."""
+        """Begin anew with another body, and let the monitor know nothing of other motions."""
         assert self.monitor is not None
         for name in self.names:
             self.obstacles.remove([name])
         self.obstacles.take_faults()
-        self.monitor.reset()
+        if self.first is None:
+            self.monitor.reset()
+            self.now += 2.0
         number = next(NAMES)
         # One person's, by their names: else the arm could clamp the part against the head.
         self.names = [f"person-{number}/part", f"person-{number}/head"]
-        self.now += 1.0
         if plan.mode == CLAMP:
             wide, high = TABLE
             below = np.array([0.0, 0.0, -plan.radius - high])
@@ -397,14 +401,20 @@ class Fight:
 
     def _ask(self, t: float) -> Level:
         assert self.monitor is not None
+        seen = self._measure() if self.first is None or t > 0.0 else self.first
+        if self.first is None:
+            self.first = seen
+        return self.monitor.step(self.now + t, *seen).level
+
+    def _measure(self) -> tuple[np.ndarray, np.ndarray]:
+        """The joint state as it is reported."""
         robot, random = self.robot, self.random
         q, v = self.arm.state
         wrong = random.uniform(-1.0, 1.0, len(q)) * robot.position_error
         # Mostly the arm seems slower than it is.
         slower = np.sign(v) * np.minimum(np.abs(v), robot.velocity_error)
-        seen = v - slower * (random.random() < 0.7)
         q = np.clip(q + wrong, robot.lower_position_limit, robot.upper_position_limit)
-        return self.monitor.step(self.now + t, q, seen).level
+        return q, v - slower * (random.random() < 0.7)
 
     def _brake(self, hold: np.ndarray, rate: np.ndarray) -> None:
         """How each joint stops from now on: with the least that is stated."""
@@ -428,7 +438,7 @@ class Fight:
             self._begin(plan, contact)
         hold, rate = np.zeros_like(arm.q), np.zeros_like(arm.q)
         said: list[bool] = []
-        t, tick, brakes, was_stopped, has_touched = 0.0, 0, False, False, False
+        t, tick, brakes, has_touched = 0.0, 0, False, False
         end, head_gap, nearest = HORIZON + AFTER, math.inf, np.zeros(3)
         while t < end:
             if t >= tick / RATE - 1e-9:
@@ -442,7 +452,6 @@ class Fight:
                     if is_told and not brakes:
                         self._brake(hold, rate)
                     brakes = is_told
-                    was_stopped |= said[-1] and not has_touched
                 if place.head is not None and np.abs(arm.state[1]).max() > 1e-3:
                     away, _ = arm.find_nearest(place.head, HEAD_RADIUS + 0.5, nearest)
                     head_gap = min(head_gap, away - HEAD_RADIUS)
@@ -450,9 +459,7 @@ class Fight:
             if not has_touched:
                 contact.center[:], contact.velocity[:] = place.part_state(t)
             dt = contact.choose_step(max(tick / RATE - t, 1e-6))
-            advance_joints(
-                arm.q, arm.v, arm.accel, plan.target(t), self.up, rate, hold, brakes, dt
-            )
+            advance_joints(arm.q, arm.v, arm.accel, plan.target(t), self.up, rate, hold, brakes, dt)
             contact.advance(dt)
             t += dt
             if contact.is_pressed and not has_touched:
@@ -461,5 +468,4 @@ class Fight:
             is_away = has_touched and contact.gap > 0.01 and place.head is None
             if not contact.is_pressed and (rests or is_away):
                 break
-        return Attack(plan, stiffness, contact.finish(), head_gap, was_stopped)
-
+        return Attack(plan, stiffness, contact.finish(), head_gap)

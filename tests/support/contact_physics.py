@@ -263,9 +263,7 @@ class Arm:
     def turns(self) -> np.ndarray:
         return self.data.xmat[1:]
 
-    def find_nearest(
-        self, p: np.ndarray, within: float, point: np.ndarray
-    ) -> tuple[float, int]:
+    def find_nearest(self, p: np.ndarray, within: float, point: np.ndarray) -> tuple[float, int]:
         return find_nearest(self.surface, self.places, self.turns, p, within, point)
 
     def column(self, p: np.ndarray, joint: int) -> np.ndarray:
@@ -275,7 +273,7 @@ class Arm:
         return self._jacobian
 
     def fastest(self, link: int) -> float:
-        """Speed of the fastest point of a link, as it is or as the controller wants it, in [m/s]."""
+        """Speed of a link's fastest point, as it is or as the controller wants it, in [m/s]."""
         joint = self.joint_of[link]
         points = self.hulls[link] @ self.turns[joint].reshape(3, 3).T
         mujoco.mj_comPos(self.model, self.data)
@@ -315,9 +313,7 @@ class Arm:
         mujoco.mj_mulM(model, data, self._torque, self.accel)
         data.qfrc_applied[:] = self._torque + data.qfrc_bias + self._damping * self.v
         if joint >= 0:
-            mujoco.mj_applyFT(
-                model, data, force, np.zeros(3), p, joint + 1, data.qfrc_applied
-            )
+            mujoco.mj_applyFT(model, data, force, np.zeros(3), p, joint + 1, data.qfrc_applied)
         mujoco.mj_step2(model, data)
         mujoco.mj_kinematics(model, data)
 
