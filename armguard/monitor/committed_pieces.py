@@ -60,6 +60,8 @@ USUAL_PIECES = 16
 """Pieces for which room is made from the start, so that few commits have to make some."""
 MOST_TRIED = 3
 """Pairs of pieces for which that is tried in a commit."""
+MAY_CLAMP = True
+"""Whether links may press an obstacle against something, as long as nobody says which may not."""
 
 
 class KnownObstacles:
@@ -155,6 +157,7 @@ class CommittedPieces:
         self._following = Following(robot)
         self._latency = settings.latency
         self._margin = settings.margin
+        self._with_velocities = settings.contact_limits is not None
         # Whether joints may leave a piece at any moment, to brake by themselves.
         self._may_leave = settings.leave == "any"
         self._known = KnownObstacles(scheduler)
@@ -404,10 +407,10 @@ class CommittedPieces:
         self, plan: CheckedPlan, before: tuple[CheckedPlan, ...]
     ) -> PlannedCourse | Refusal:
         """Where the arm can be from when a piece was checked until it rests."""
-        motion = self._planned_motion()
+        motion, with_velocities = self._planned_motion(), self._with_velocities
         if not self._may_leave:
-            return motion.lay_out(plan, before)
-        course = motion.lay_out_left(plan, before, self._latency)
+            return motion.lay_out(plan, before, with_velocities=with_velocities)
+        course = motion.lay_out_left(plan, before, self._latency, with_velocities=with_velocities)
         if course is not None:
             return course
         if plan.stamp > plan.now and not before:
@@ -420,6 +423,8 @@ class CommittedPieces:
     def _find_contact(self, course: PlannedCourse, tick: Tick) -> PlanVerdict | None:
         """What could touch the arm on what is left of a piece; None if nothing can.
 
+        A contact that contact limits permit does not count.
+
         Every pair is asked for: what a certificate rests on may be older than what is remembered
         of obstacles here, and news are judged by that.
         """
@@ -430,8 +435,9 @@ class CommittedPieces:
         (pairs,) = scheduler.watched_pairs().nonzero()
         state = scheduler.arm.state
         found = self._planned_motion().contact_time(
-            course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks
-        )
+            course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks,
+            state.scene.contact_limits, MAY_CLAMP,
+        )  # fmt: skip
         self.evaluated += found.evaluated
         if found.time == math.inf:
             return None

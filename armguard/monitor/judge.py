@@ -322,6 +322,7 @@ class Judge:
         link, obstacle = self._scheduler.arm.names(permitted.pair)
         row = permitted.pair // len(self._scheduler.arm.links)
         regions = self._scheduler.arm.obstacles.table.regions[row]
+        assert self._contact_limits is not None, "nothing is permitted without limits"
         stated = self._contact_limits.describe(int(regions))
         detail = f"at most {permitted.speed:.2f} of {permitted.limit:.2f} m/s ({stated})"
         self._permitted = permitted

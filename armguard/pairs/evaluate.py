@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
+from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
@@ -20,7 +21,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
-from armguard.pairs.clamping import LinkGaps, make_no_gaps
+from armguard.pairs.clamping import make_room
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
 from armguard.robot.kinematics import Kinematics
@@ -38,7 +39,7 @@ class TickState:
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
         contact_limits: What contact is permitted; None: none.
-        link_gaps: Where links can clamp something between them; needed with limits.
+        link_gaps: How distances between links can vary; needed with limits.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -83,6 +84,7 @@ class TickState:
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
         self._link_gaps = make_no_gaps() if link_gaps is None else link_gaps
+        self._clamp_room = make_room(motion.joint.lever.shape[1])
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -93,20 +95,6 @@ class TickState:
         self._link_time, self._link_bound = np.zeros(links), np.zeros(links, dtype=np.int64)
         self._obstacles = obstacles
         self._accepted: States | None = None
-        self.view_table()
-
-    def begin(self, now: float, arm_age: float, refinement_threshold: float) -> None:
-        """Start a tick, after kinematics and bounds were computed for it.
-
-        Args:
-            now: Time of this tick on the obstacles' clock, in [s].
-            arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-            refinement_threshold: Nodes that could be touched before this, in [s], are refined.
-        """
-        self.now = now
-        self.arm_age = arm_age
-        self.refinement_threshold = refinement_threshold
-        self.sphere_time.fill(np.inf)
         self.view_table()
 
     def prepare_arm(self, q: FloatArray, v: FloatArray) -> None:
@@ -135,6 +123,7 @@ class TickState:
             self.marks,
             self._contact_limits,
             self._link_gaps,
+            self._clamp_room,
             table.reference_states,
             self._settings,
             self._node_time,

@@ -17,17 +17,24 @@ import pinocchio
 from armguard.bounds.checks import check_question
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import JointLimits, read_limits
-from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
+from armguard.bounds.planned.contact import (
+    PlannedContact,
+    Surroundings,
+    find_planned_contact,
+    make_surroundings,
+)
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, set_slab
 from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.harmless import NO_SPEEDS, CourseSpeeds, sum_up_speeds
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, is_plain, make_example
 from armguard.bounds.planned.slabs import Slabs, center, include, lay_left_piece, lay_piece
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import FloatArray, IntArray
+from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
+from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import Marks, States
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joints import is_prismatic
@@ -76,25 +83,35 @@ class PlannedMotion:
             carrier=np.array(spheres.joint),
             local=np.array(spheres.local),
             exact=np.zeros(len(turning)),
+            moves=self._kinematics.placement.moves,
         )
+        self._no_limits = make_no_limits()
         self._still = np.zeros(len(robot.joints))
         self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
         check_chain(self._placed_arm, self._kinematics)
         # All that these are handed is made here, or by kernels.
         times, boxes, plan = np.zeros((2, 1)), np.zeros((2, 1, len(turning))), make_example()
-        self._lay_piece = machine_code(lay_piece, plan, self._handle, True)
-        self._lay_left_piece = machine_code(lay_left_piece, plan, self._handle, 0.0)
-        self._include = machine_code(include, times, boxes, plan, 0.0)
+        self._lay_piece = machine_code(lay_piece, plan, self._handle, True, True)
+        self._lay_left_piece = machine_code(lay_left_piece, plan, self._handle, 0.0, True)
+        self._include = machine_code(include, times, boxes, boxes, plan, self._handle, 0.0)
         self._place_boxes = machine_code(_place_boxes, self._placed_arm, self._handle, boxes)
+        self._sum_up_speeds = machine_code(sum_up_speeds, times, *boxes, *boxes, np.int64(1))
         self._surroundings: tuple[Surroundings | None, Any, Any] = None, None, None
 
-    def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
+    def lay_out(
+        self,
+        plan: CheckedPlan,
+        before: Sequence[CheckedPlan] = (),
+        *,
+        with_velocities: bool = False,
+    ) -> PlannedCourse:
         """Where the arm can be from when a piece was checked until it rests at the piece's end.
 
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins; without any, joints
                 are free within their limits until then.
+            with_velocities: Whether to lay out how fast it can be as well, for contact limits.
 
         Returns:
             Arrays of their own, good for any number of contact times.
@@ -103,10 +120,16 @@ class PlannedMotion:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
         self._check(plan, before)
-        return self._place(plan, before, self._lay_piece(plan, self._handle, not before))
+        slabs = self._lay_piece(plan, self._handle, not before, with_velocities)
+        return self._place(plan, before, slabs)
 
     def lay_out_left(
-        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
+        self,
+        plan: CheckedPlan,
+        before: Sequence[CheckedPlan] = (),
+        latency: float = 0.0,
+        *,
+        with_velocities: bool = False,
     ) -> PlannedCourse | None:
         """The same of a piece that joints may leave, each at any moment, to brake by themselves.
 
@@ -116,6 +139,7 @@ class PlannedMotion:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins.
             latency: Until the arm follows it at the latest, in [s].
+            with_velocities: As for `lay_out`.
 
         Returns:
             None where a joint may be faster than its brakes are stated for, and where the piece is
@@ -127,7 +151,7 @@ class PlannedMotion:
         self._check(plan, before)
         if plan.stamp > plan.now and not before:
             return None
-        slabs = self._lay_left_piece(plan, self._handle, float(latency))
+        slabs = self._lay_left_piece(plan, self._handle, float(latency), with_velocities)
         return self._place(plan, before, slabs) if slabs[0].size else None
 
     @property
@@ -153,12 +177,16 @@ class PlannedMotion:
         self, plan: CheckedPlan, before: Sequence[CheckedPlan], slabs: Slabs
     ) -> PlannedCourse:
         """Where the arm is in the middle of each slab, and the balls around all that it sweeps."""
-        times, boxes = slabs
+        times, boxes, speeds = slabs
         if plan.stamp > plan.now:
             for one in before:
-                self._include(times, boxes, one, plan.now - one.stamp)
+                self._include(times, boxes, speeds, one, self._handle, plan.now - one.stamp)
         placed = self._place_boxes(self._placed_arm, self._handle, boxes)
-        return PlannedCourse(float(plan.now), *times, *boxes, *placed)
+        summed = NO_SPEEDS
+        if speeds.shape[1] > 0:
+            spheres = len(self._arm.carrier)
+            summed = pack(CourseSpeeds(*self._sum_up_speeds(times, *boxes, *speeds, spheres)))
+        return PlannedCourse(float(plan.now), *times, *boxes, *placed, summed)
 
     def contact_time(
         self,
@@ -169,10 +197,13 @@ class PlannedMotion:
         bodies: States,
         refused_bodies: States,
         marks: Marks,
+        limits: RegionLimits | None = None,
+        may_clamp: bool | BoolArray = False,
     ) -> PlannedContact:
         """Earliest possible contact on a course; inf if there is none before the arm rests.
 
-        Contact of a resting arm does not count: that is the obstacle's doing.
+        Contact of a resting arm does not count: that is the obstacle's doing. Nor does one that
+        contact limits permit, on a course with velocities.
 
         Args:
             course: Of a plan that the arm follows, or would.
@@ -183,22 +214,30 @@ class PlannedMotion:
             bodies: Accepted states, by row.
             refused_bodies: Refused samples beside them, which may be true as well.
             marks: Which of those there are; where there is neither, the answer is 0.
+            limits: What contact is permitted, by region; None: none.
+            may_clamp: Whether each pair's link may press the obstacle against something: contact
+                is permitted only once the way left is short enough as well. Shape (m,) or ().
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
         # What is compiled for whole numbers would cut off all others that come later.
         now, margin = float(now), float(margin)
+        limits = self._no_limits if limits is None else limits
+        clamps = np.empty(len(pairs), dtype=np.bool_)
+        clamps[:] = may_clamp
         around, handle, find_contact = self._surroundings
         if around is None or not (
             around.bodies is bodies
             and around.refused_bodies is refused_bodies
             and around.marks is marks
+            and around.limits is limits
         ):
             # Of a monitor these are the same arrays in every tick, but for a table that has grown.
-            around = Surroundings(self._arm, bodies, refused_bodies, marks)
+            around = make_surroundings(self._arm, bodies, refused_bodies, marks, limits)
             handle = pack(around)
-            find_contact = machine_code(find_planned_contact, handle, course, pairs, now, margin)
+            given = handle, course, pairs, clamps, now, margin
+            find_contact = machine_code(find_planned_contact, *given)
             self._surroundings = around, handle, find_contact
-        return PlannedContact(*find_contact(handle, course, pairs, now, margin))
+        return PlannedContact(*find_contact(handle, course, pairs, clamps, now, margin))
 
     def advance(
         self,

@@ -34,7 +34,7 @@ def pack_arm(robot, kinematics, random):
     arm = ArmShape(
         spheres.tree, random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
         make_box(np.ones(len(robot.joints), dtype=bool), nothing), np.array(spheres.joint),
-        np.array(spheres.local), nothing,
+        np.array(spheres.local), nothing, kinematics.placement.moves,
     )  # fmt: skip
     return arm, pack(PlacedArm(make_chain(kinematics), arm))
 
