@@ -6,8 +6,8 @@ A body part, a mass in a skin, rests in the arm's way, lunges at it, flies at it
 table. It is where the monitor lets the arm hit it hardest, and at times a head is behind it. The
 arm goes on in all verdicts but STOP, and brakes as late and as little as is stated. Its position
 loop has one of three stiffnesses, or nothing can hold the arm up. `--contacts` counts contacts of a
-part at rest; contacts of moving parts come on top. A control follows, in which the arm obeys
-nobody: it has to exceed limits on each arm.
+part at rest; contacts of moving parts come on top. Before that comes a control, in which the arm
+obeys nobody: it has to exceed limits on each arm. The file has what was found so far.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import math
 import multiprocessing
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -134,14 +135,13 @@ def plan_tasks(
     ]
 
 
-def run(tasks: list[Task], jobs: int) -> dict[str, Tally]:
-    """What came of some tasks, by arm."""
-    tallies: dict[str, Tally] = {}
-    began, done = time.monotonic(), 0
+def run(tasks: list[Task], jobs: int) -> Iterator[dict[str, Tally]]:
+    """What has come of some tasks, by arm, after each of them."""
+    tallies = {task.arm: Tally() for task in tasks}
+    began = time.monotonic()
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        for task, tally in pool.imap_unordered(simulate, tasks):
-            tallies.setdefault(task.arm, Tally()).merge(tally)
-            done += 1
+        for done, (task, tally) in enumerate(pool.imap_unordered(simulate, tasks), 1):
+            tallies[task.arm].merge(tally)
             best = {kind: max(some, default=0.0) for kind, some in tally.shares.items()}
             print(
                 f"{done} of {len(tasks)} tasks, {time.monotonic() - began:.0f} s: {task.arm}, "
@@ -150,21 +150,21 @@ def run(tasks: list[Task], jobs: int) -> dict[str, Tally]:
                 f"{tally.true_share:.4f}; heads touched {tally.heads_touched} of {tally.heads}",
                 flush=True,
             )
-    return tallies
+            yield tallies
 
 
-def describe(tallies: dict[str, Tally], arms: list[str]) -> str:
+def describe(tallies: dict[str, Tally]) -> str:
     """A table in Markdown."""
     lines = [
         "| arm | touched | contacts | beyond the limit | median | best attack ÷ limit |",
         "|---|---|---|---|---|---|",
     ]
-    for arm in arms:
+    for arm, tally in tallies.items():
         for kind in JUDGED:
-            shares = tallies[arm].shares[kind]
+            shares = tally.shares[kind]
             middle, best = (f"{x:.2f}" for x in (np.median(shares or [0]), max(shares or [0])))
             lines.append(
-                f"| {arm} | {kind} | {len(shares):,} | {tallies[arm].count_beyond(kind)} | "
+                f"| {arm} | {kind} | {len(shares):,} | {tally.count_beyond(kind)} | "
                 f"{middle} | {best} |"
             )
     lines += [
@@ -174,8 +174,7 @@ def describe(tallies: dict[str, Tally], arms: list[str]) -> str:
         "clamped while moving, not judged |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for arm in arms:
-        tally = tallies[arm]
+    for arm, tally in tallies.items():
         loops = ", ".join(f"{best:.2f}" for best in tally.best_by_loop.values())
         lines.append(
             f"| {arm} | {tally.attacks:,} | {loops} "
@@ -186,35 +185,33 @@ def describe(tallies: dict[str, Tally], arms: list[str]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> bool:
-    """Attack, and again without a monitor; whether all is as it must be."""
+    """Attack without a monitor, and with one; whether all is as it must be."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--contacts", type=int, default=10_000, help="of parts at rest, in all")
     parser.add_argument("--arms", nargs="+", default=list(ARMS))
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--chunk", type=int, default=CHUNK, help="contacts of one task")
-    parser.add_argument("--out", type=Path, help="file for the tables, in Markdown")
+    parser.add_argument("--out", type=Path, help="file for the tables so far, in Markdown")
     options = parser.parse_args(arguments)
-    tallies = run(
-        plan_tasks(
-            options.arms, options.contacts, options.seed, options.chunk, with_limits=True
-        ),
-        options.jobs,
-    )  # fmt: skip
+    tasks = [
+        plan_tasks(options.arms, count, options.seed, options.chunk, with_limits=with_limits)
+        for count, with_limits in (
+            (max(20 * len(options.arms), int(CONTROL_SHARE * options.contacts)), False),
+            (options.contacts, True),
+        )
+    ]
     print("control: an arm that obeys nobody", flush=True)
-    few = max(20 * len(options.arms), int(CONTROL_SHARE * options.contacts))
-    control = run(
-        plan_tasks(options.arms, few, options.seed, options.chunk, with_limits=False),
-        options.jobs,
-    )  # fmt: skip
-    text = describe(tallies, options.arms)
-    text += "\nControl, an arm that obeys nobody:\n\n" + describe(control, options.arms)
-    print(text)
-    if options.out:
-        options.out.write_text(text)
+    *_, control = run(tasks[0], options.jobs)
     can_fail = all(tally.count_beyond(AT_REST) for tally in control.values())
     if not can_fail:
         print("the control exceeds no limit")
+    print("an arm that obeys a monitor with contact limits", flush=True)
+    for tallies in run(tasks[1], options.jobs):
+        text = describe(tallies) + "\nControl, an arm that obeys nobody:\n\n" + describe(control)
+        if options.out:
+            options.out.write_text(text)
+    print(text)
     return can_fail and all(tally.is_kept for tally in tallies.values())
 
 
