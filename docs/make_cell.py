@@ -1,8 +1,8 @@
 """The reference of cell files: `python docs/make_cell.py` writes docs/cell.md.
 
 Tables are made of the classes in armguard/app/cell/schema.py: what a key is called, its type, and
-the text that stands below it. Settings of the monitor come from their record in
-armguard/settings/settings.py. Defaults that the schema leaves to the other classes which a table
+the text that stands below it. Settings of the monitor, and the records within them, come from
+armguard/settings. Defaults that the schema leaves to the other classes which a table
 configures are read from their signatures.
 """
 
@@ -21,7 +21,7 @@ import msgspec
 from armguard.app.cell import schema
 from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
-from armguard.settings import separation_rule, settings
+from armguard.settings import contact_limits, separation_rule, settings
 from armguard.settings.declarations import Declaration, read_declarations
 from armguard.streams import SourceLimits
 
@@ -29,7 +29,7 @@ PAGE = Path(__file__).resolve().parent / "cell.md"
 
 HEAD = """# Cell file
 
-<!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings/settings.py: change it there -->
+<!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings: change it there -->
 
 What a `cell.toml` may say. `armguard run`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
 
@@ -118,8 +118,13 @@ def read_texts(module: ModuleType) -> dict[str, dict[str, tuple[str, str | None,
     return classes
 
 
-TEXTS = {**read_texts(schema), **read_texts(settings), **read_texts(separation_rule)}
-RECORDS = (settings.Settings, separation_rule.SeparationRule)
+TEXTS = {
+    **read_texts(schema),
+    **read_texts(settings),
+    **read_texts(separation_rule),
+    **read_texts(contact_limits),
+}
+RECORDS = (settings.Settings, separation_rule.SeparationRule, contact_limits.ContactLimit)
 """What declares keys that the schema does not have."""
 
 
@@ -186,7 +191,7 @@ def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
         words = declared.describe(in_file=True).removesuffix(", or None").removeprefix("a ")
         words = words.replace("finite ", "").replace("whole number", "integer")
         words = re.sub(r"'(\w+)'", r'`"\1"`', words)
-    if declared.default is not None:
+    if declared.default not in (None, ""):
         return words, _write_value(declared.default), text
     text, default = text.split(" Left out: ")
     return words, default.removesuffix("."), text

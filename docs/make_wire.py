@@ -28,6 +28,7 @@ TYPES = {
     "float": "number",
     "float | None": "number or nil",
     "list[str]": "strings",
+    "str | list[str] | None": "string, or strings, one a row, or nil",
     "list[float]": "numbers",
     "bytes | list[float]": "numbers",
     "Points": f"n rows of 3 numbers, or of 1 to {incoming.POINT_LIMIT} such points",

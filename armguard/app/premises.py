@@ -33,6 +33,10 @@ class Premise(enum.Enum):
     )
     FIRST_SIGHT = "what no source reports is not there, except behind a named entrance"
     EXEMPTIONS = "contact that is ignored does no harm"
+    CONTACT = (
+        "where contact limits are stated, surfaces of the arm are blunt and padded, what it wears "
+        "or holds is attached, and people have ids and regions of their own"
+    )
     CLOCKS = "stamps are right within the stated clock errors, and latencies no longer than stated"
     PLACEMENT = "the arm is where its URDF and base placement say, with the tools that they say"
 
@@ -76,8 +80,25 @@ def _find_figures(monitor: Monitor) -> dict[Premise, str]:
         f"a verdict is valid for {1e3 * settings.response_time:g} ms",
         Premise.OBSTACLES: f"{table.accel:g} m/s² and {table.speed:g} m/s, unless told otherwise",
         Premise.FIRST_SIGHT: f"entrances: {', '.join(names) if names else 'none'}",
+        Premise.CONTACT: _describe_limits(monitor),
         Premise.CLOCKS: f"latency of verdicts: {1e3 * settings.latency:g} ms",
     }
+
+
+def _describe_limits(monitor: Monitor) -> str:
+    """Which contact limits are in force, and whether there is anything to be clamped against."""
+    limits = monitor.settings.contact_limits
+    if limits is None:
+        return "none are stated"
+    told = []
+    for region, limit in limits.by_region.items():
+        own = limit.person_speed
+        person = own if own == "own" else f"{own:g} m/s"
+        told.append(f"{region}: {limit.max_speed:.3g} m/s, person's speed {person}")
+    table = monitor.obstacles.table
+    if not (table.alive & table.static).any():
+        told.append("no statics are stated: nothing is clamped against floor or table")
+    return "; ".join(told)
 
 
 def describe_missing_limits(monitor: Monitor) -> str | None:

@@ -149,7 +149,7 @@ def reached_velocity(
 
 
 @kernel
-def _braked_velocity(speed: float, stop: Stop, s: float) -> float:
+def braked_velocity(speed: float, stop: Stop, s: float) -> float:
     """Greatest velocity `s` seconds after brakes engaged at a velocity of at most `speed`."""
     if not speed > 0.0 or s >= rest_time(stop, speed) * (1.0 + SUM_ROUNDING):
         return 0.0
@@ -180,7 +180,7 @@ def _find_velocity(
     elif s <= free:
         greatest = max(at_bite, 0.0)
     else:
-        greatest = _braked_velocity(at_bite, stop, s - free)
+        greatest = braked_velocity(at_bite, stop, s - free)
     return greatest + SUM_ROUNDING * top if greatest != 0.0 else 0.0
 
 

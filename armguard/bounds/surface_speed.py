@@ -16,9 +16,11 @@ The root is the greatest |sum_j C_j w_j| over w_j in m_j +- h_j, or more: its sq
 2 sum_j (x . C_j) d_j + sum_ij C_i . C_j d_i d_j with d_j = w_j - m_j. The second line bounds what
 columns differ from C_j by: no H_ij is longer than the column of the more distal of both joints, and
 no second derivative of a column is longer than R_max(i, j, k). A derivative vanishes where a joint
-that is not the most distal slides. The last line is how fast the link turns: its sums run over
-revolute joints that move it, and over pairs whose joint i comes before joint j. The first two lines
-are together no more than sum_j R_j u_j, and the last no more than r sum_j u_j.
+that is not the most distal slides. Where a box is so wide that sum_ij R_max(i, j) S_i u_j is less
+than that line, it takes its place, with J_j in place of C_j. The last line is how fast the link
+turns: its sums run over revolute joints that move it, and over pairs whose joint i comes before
+joint j. The first two lines are together no more than sum_j R_j u_j, and the last no more than
+r sum_j u_j.
 
 How far a point can go between any two moments of a time is bounded alike, with the way that each
 joint can go in that time, to either side, in place of its velocity. The link turns by no more than
@@ -75,7 +77,7 @@ def set_joints(sphere: ArmSphere, moves: BoolArray, box: JointBox) -> int:
 
 
 @merged_kernel
-def _speed_in_box(
+def speed_in_box(
     radius: float,
     count: int,
     slowest: FloatArray,
@@ -94,7 +96,7 @@ def _speed_in_box(
         enough: A bound above it may be returned as inf.
     """
     span, error = box.span, box.position_error
-    bend = most = twist = 0.0
+    bend = wide_bend = most = twist = 0.0
     # From the base to the tip. Of revolute joints so far: the turn to the middle of the box, as a
     # vector; sums of half ranges, of greatest angles, and of rates.
     ox = oy = oz = spread = angle = rate = 0.0
@@ -115,9 +117,13 @@ def _speed_in_box(
         third = angle * (angle * pace + 2.0 * size * rate)
         third += turns * size * (size * rate + 2.0 * angle * pace + size * pace)
         bend += length * second + 0.5 * lever * third
+        wide_bend += lever * (angle * pace + size * (rate + turns * pace))
         twist += turns * angle * pace
         most += lever * pace
         spread, angle, rate = spread + turns * width, angle + turns * size, rate + turns * pace
+    # In a wide box the columns at q_f itself are the better ones.
+    is_wide = wide_bend < bend
+    bend = min(bend, wide_bend)
     # From the tip to the base: the way of the centre to the middle of the box, by the joints beyond
     # joint j; its velocity there, and that of the link's turning, with the middle velocities.
     px = py = pz = vx = vy = vz = wx = wy = wz = swing = 0.0
@@ -130,6 +136,8 @@ def _speed_in_box(
             row[10] + az * px - ax * pz,
             row[11] + ax * py - ay * px,
         )
+        if is_wide:
+            x, y, z = row[0], row[1], row[2]
         px, py, pz = px + row[0] * shift, py + row[1] * shift, pz + row[2] * shift
         vx, vy, vz = vx + x * mean, vy + y * mean, vz + z * mean
         wx, wy, wz = wx + ax * mean, wy + ay * mean, wz + az * mean
@@ -162,17 +170,17 @@ def _speed_in_box(
 def speed_from(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
     """Bound on the speed of a sphere's points from a node of a braking table on until it rests.
 
-    Arguments as for `_speed_in_box`; the node is not the last.
+    Arguments as for `speed_in_box`; the node is not the last.
     """
     set_span(table, node, table.time.shape[0] - 1, 1.0)
-    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
+    return speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @merged_kernel
 def speed_until(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
     """Bound on their speed up to a node of a table of an arm that is free to move."""
     set_span(table, 0, node, 1.0)
-    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
+    return speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @kernel
@@ -198,7 +206,7 @@ def way_from(radius: float, count: int, table: JointTable, node: int) -> float:
         forth[j], back[j] = up, -down
         turn += table.box.joints[j, 8] * whole
     set_span(table, node, last, 1.0)
-    way = _speed_in_box(0.0, count, back, forth, table.box, math.inf)
+    way = speed_in_box(0.0, count, back, forth, table.box, math.inf)
     return way + radius * turn * (1.0 + SUM_ROUNDING)
 
 

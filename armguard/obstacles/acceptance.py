@@ -31,7 +31,7 @@ from armguard.obstacles.consistency import (
     find_broken_bound,
     find_square_limit,
 )
-from armguard.obstacles.message import Frames, MessageHead
+from armguard.obstacles.message import HAS_REGIONS, Frames, MessageHead
 from armguard.obstacles.possible_states import (
     find_place,
     lose_sight,
@@ -510,7 +510,7 @@ def take_samples(
     """
     table, data = handle.content, message.content
     points_each, stamp, extent, frame, is_velocity_known = head[:5]
-    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:11]
+    each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:]
     accepted, marks, told = table.accepted, table.marks, table.told
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
@@ -526,10 +526,12 @@ def take_samples(
             data.codes[i] = TAKEN
             continue
         # Whatever becomes of the sample, it says which part of a body the row may be.
-        regions = data.regions[i] if each & 32 else head.regions
-        regions = marks.regions[row] | (regions if regions != 0 else NO_REGION)
-        has_new_region = regions != marks.regions[row]
-        marks.regions[row] = regions
+        regions = data.regions[i] if each & HAS_REGIONS else NO_REGION
+        if regions == 0:
+            regions = NO_REGION
+        has_new_region = (marks.regions[row] | regions) != marks.regions[row]
+        if has_new_region:
+            marks.regions[row] |= regions
         for k in range(points_each):
             for axis in range(3):
                 sample.points[0, k, axis] = data.points[i, k, axis]

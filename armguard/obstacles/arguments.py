@@ -138,6 +138,7 @@ def read_field(name: str, value: ArrayLike, count: int) -> float | FloatArray:
 
 def read_regions(value: str | Sequence[str], count: int) -> int | IntArray:
     """Sets of regions of `count` obstacles: one for all, or one for each, of shape (count,)."""
+    texts: list[object]
     try:
         texts = [value] if isinstance(value, str) else list(value)
     except TypeError:
@@ -146,7 +147,7 @@ def read_regions(value: str | Sequence[str], count: int) -> int | IntArray:
         if not isinstance(text, str) or text not in _SETS:
             expected = f"one of {', '.join(REGIONS)}, or '' for none"
             raise ObstacleError("region", f"is {show(text)}", expected=expected)
-    sets = [_SETS[text] for text in texts]
+    sets = [_SETS[str(text)] for text in texts]
     if isinstance(value, str):
         return sets[0]
     if len(sets) != count:

@@ -18,6 +18,9 @@ from armguard.messages.batch import FIELDS
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.table import States, make_states
 
+HAS_REGIONS = 1 << len(FIELDS)
+"""In `MessageHead.each`: each sample has a set of regions; without it none is stated."""
+
 LEAST_ROOM = 64
 """Samples of balls that there is room for at the least."""
 
@@ -48,8 +51,8 @@ class MessageHead(NamedTuple):
     """Whether velocities were measured; else they are 0, with errors as large as the bounds on
     speed, so that an error of inf is no flaw."""
     each: int
-    """Sum of 2**i over those of `FIELDS`, and then the regions, of which there is one number for
-    each sample; of these the numbers here do not count."""
+    """Sum of 2**i over those of `FIELDS` of which there is one number for each sample; of these the
+    numbers here do not count. With `HAS_REGIONS`, sets of regions are stated as well."""
     radius: float
     """[m]."""
     accel: float
@@ -60,8 +63,6 @@ class MessageHead(NamedTuple):
     """[m]."""
     velocity_error: float
     """[m/s]."""
-    regions: int
-    """Set of regions that is stated; 0: none is. As the fields, or one for each sample."""
 
 
 class MessageData(NamedTuple):

@@ -46,7 +46,7 @@ from armguard.obstacles.clouds import (
 from armguard.obstacles.faults import Fault, FaultKind
 from armguard.obstacles.frame_history import FrameHistory
 from armguard.obstacles.frames import Frame
-from armguard.obstacles.message import MessageHead, MessageMemory
+from armguard.obstacles.message import HAS_REGIONS, MessageHead, MessageMemory
 from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.pattern_regions import PatternRegions
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
@@ -211,7 +211,7 @@ class Obstacles(ObstacleRegister):
 
     def _bind(self) -> None:
         """Have compiled what takes samples."""
-        head = MessageHead(1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+        head = MessageHead(1, 0.0, self._extent, 0, True, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
         handles = self.table.handle, self._memory.handle
         self._take_samples = machine_code(rule.take_samples, *handles, NO_ROWS, head)
 
@@ -349,11 +349,13 @@ class Obstacles(ObstacleRegister):
             number = self._find_frame(frame)
             if snapshot is not False and not isinstance(snapshot, (bool, np.bool_)):
                 raise ObstacleError("snapshot", f"is {show(snapshot)}", expected="True or False")
-            names, rows, usual_accel, usual_speed, regions = resolved
+            names, rows, usual_accel, usual_speed, by_pattern = resolved
+            told: int | IntArray | None = by_pattern
             if names and radius is None:
                 raise ObstacleError("radius", "is missing", expected="a radius in [m]")
             if region is not None:
-                regions = regions | read_regions(region, len(names))
+                stated = read_regions(region, len(names))
+                told = stated if told is None else told | stated
             if limit is not None:
                 self._check_count(source, names, limit, gone, snapshot=bool(snapshot))
             numbers = self._read_samples(
@@ -364,8 +366,10 @@ class Obstacles(ObstacleRegister):
                 usual_speed if speed is None else speed,
                 position_error,
                 velocity_error,
-                regions,
             )
+            if told is not None:
+                self._memory.data.regions[: len(names)] = told
+                numbers = numbers[0] + HAS_REGIONS, *numbers[1:]
         except ObstacleError as error:
             raise self._leave_malformed(error, source, stamp) from None
         if self.journal is not None:
@@ -593,7 +597,6 @@ class Obstacles(ObstacleRegister):
         speed: ArrayLike,
         position_error: Field,
         velocity_error: Field,
-        regions: int | IntArray,
     ) -> tuple[Any, ...]:
         """Takes the samples of a message into the memory of messages.
 
@@ -612,20 +615,15 @@ class Obstacles(ObstacleRegister):
         if (
             type(radius) is type(accel) is type(speed) is float
             and type(position_error) is type(velocity_error) is float
-            and type(regions) is int
         ):
-            return 0, radius, accel, speed, position_error, velocity_error, regions
+            return 0, radius, accel, speed, position_error, velocity_error
         each, values = 0, []
         for i, value in enumerate((radius, accel, speed, position_error, velocity_error)):
             if type(value) is not float:
                 memory.fields[i][:count] = value
                 each += 1 << i
             values.append(value if type(value) is float else math.nan)
-        if type(regions) is not int:
-            memory.data.regions[:count] = regions
-            each += 1 << len(values)
-            regions = 0
-        return each, *values, regions
+        return each, *values
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
         """What was found of the same ids in the same order, in a message of this source before."""

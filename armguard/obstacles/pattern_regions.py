@@ -52,14 +52,14 @@ class PatternRegions:
                 )
         self._known: dict[str, int] = {}
 
-    def find(self, ids: Sequence[str]) -> int | IntArray:
-        """Sets of regions of these ids; 0 where no pattern fits.
+    def find(self, ids: Sequence[str]) -> IntArray | None:
+        """Sets of regions of these ids, 0 where no pattern fits; None where there are no patterns.
 
         Returns:
-            One number where there are no patterns, else an array. Shape () or (n,).
+            Shape (n,).
         """
         if not self.patterns:
-            return 0
+            return None
         return np.array([self._find_one(id) for id in ids], dtype=np.int64)
 
     def _find_one(self, id: str) -> int:

@@ -40,8 +40,8 @@ class ResolvedIds(NamedTuple):
     """Bounds where the message has none, in [m/s²]. Shape () or (n,)."""
     speed: ArrayLike
     """Bounds where the message has none, in [m/s]. Shape () or (n,)."""
-    regions: int | IntArray
-    """Sets of regions by pattern, beside what the message states. Shape () or (n,)."""
+    regions: IntArray | None
+    """Sets of regions by pattern, beside what the message states; None: no patterns. Shape (n,)."""
 
 
 class ObstacleRegister:
@@ -319,11 +319,6 @@ class ObstacleRegister:
     def fault_count(self) -> int:
         """Faults since construction, taken or not."""
         return self._faults.count
-
-    @property
-    def dropped_faults(self) -> int:
-        """Faults that were dropped, because too many came between two steps."""
-        return self._faults.dropped
 
     def is_entrance(self, row: int) -> bool:
         """Whether bodies that nobody has reported may come out of a row at any moment."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from armguard.bounds.arm import ArmMotion
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
-from armguard.pairs.region_limits import read_region_limits
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
@@ -23,7 +23,6 @@ from armguard.settings.settings import Settings
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
-    from armguard.pairs.clamping import LinkGaps
     from armguard.pairs.hull_distance import HullDistance
 
 
@@ -69,25 +68,18 @@ class WatchedArm:
             in_force=in_force,
             with_velocities=settings.contact_limits is not None,
         )
+        limits = make_no_limits()
+        if settings.contact_limits is not None:
+            limits = RegionLimits(*settings.contact_limits.tabulate())
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
             margin=settings.margin,
-            contact_limits=read_region_limits(settings.contact_limits),
-            link_gaps=self._find_link_gaps() if settings.contact_limits is not None else None,
+            contact_limits=limits,
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
-
-    def _find_link_gaps(self) -> LinkGaps:
-        """Where links can clamp something between them."""
-        from armguard.pairs.clamping import make_link_gaps
-
-        limits = self.motion.joint.limits
-        home = np.clip(np.zeros(len(limits.lower)), limits.lower, limits.upper)
-        turning = self.motion.joint.table.box.turning
-        return make_link_gaps(self.kinematics, turning, limits.lower, limits.upper, home)
 
     @functools.cached_property
     def hull_distance(self) -> HullDistance:

@@ -25,6 +25,7 @@ import numpy as np
 
 from armguard.bounds.free_body import displacement_at, length_above, top_speed
 from armguard.bounds.joint_table import JointTable, set_span
+from armguard.bounds.link_gaps import LinkGaps
 from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.gjk import distance_to_hull
@@ -33,155 +34,35 @@ from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.regions import NO_REGION
 from armguard.obstacles.table import Marks, States
-from armguard.robot.kinematics import ArmPlacement, Kinematics, SphereTree
+from armguard.robot.kinematics import ArmPlacement, SphereTree
 
-FEWEST_PARTS = 6
-"""Spheres of a link that stand for it where another one may clamp something against it."""
-VARIATION_SLACK = 1e-6
-"""By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
 MOST_NEAR = 32
 """Obstacles near one link that are looked at one by one; more of them count as one that is near."""
 
 
-class LinkGaps(NamedTuple):
-    """How distances between spheres of different links can vary; without parts: nobody asks."""
+class ClampRoom(NamedTuple):
+    """Room to work in."""
 
-    parts: IntArray
-    """Spheres that stand for links, between them all of the arm. Shape (c,)."""
-    variation: FloatArray
-    """How much the distance of a sphere from such a part can vary, in [m]; 0 where it cannot, inf
-    where more than one joint lies between them. Shape (n, c)."""
     weight: FloatArray
-    """Room to work in: by how much a gap closes at most with a joint, in [m]. Shape (nv,)."""
+    """By how much a gap between links closes at most with a joint, in [m]. Shape (nv,)."""
     near: IntArray
-    """Room to work in: rows of obstacles near one link. Shape (MOST_NEAR,)."""
+    """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
+
+
+def make_room(joints: int) -> ClampRoom:
+    """Room for an arm with so many joints."""
+    return ClampRoom(np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
 
 
 class Clamp(NamedTuple):
     """What a sphere of the arm can clamp a body part against."""
 
     by_link: bool
-    """Whether against another link; `LinkGaps.weight` says how the gap closes."""
+    """Whether against another link; `ClampRoom.weight` says how the gap closes."""
     by_obstacle: bool
     """Whether against an obstacle."""
     obstacle_speed: float
     """How fast that goes at most, in [m/s]."""
-
-
-def make_no_gaps() -> LinkGaps:
-    """Of an arm that may touch nobody."""
-    some = np.zeros(0, dtype=np.int64)
-    return LinkGaps(some, np.zeros((0, 0)), np.zeros(0), some.copy())
-
-
-def make_link_gaps(
-    kinematics: Kinematics,
-    turning: BoolArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    home: FloatArray,
-) -> LinkGaps:
-    """How distances between the spheres of an arm can vary.
-
-    Args:
-        kinematics: Of the arm; placed anew.
-        turning: Which joints are revolute. Shape (nv,).
-        lower: Least joint positions, in [rad] or [m]; -inf for a continuous joint. Shape (nv,).
-        upper: Greatest joint positions, alike.
-        home: A joint position within these. Shape (nv,).
-    """
-    tree, placement = kinematics.spheres.tree, kinematics.placement
-    parts = np.concatenate([_find_parts(tree, root) for root in tree.root.tolist()])
-    moves = placement.moves[placement.joint]
-    between = moves[:, None, :] ^ moves[parts][None]
-    count = between.sum(axis=2)
-    variation = np.where(count > 0, np.inf, 0.0)
-    leaves_of = [_find_leaves(tree, part) for part in parts.tolist()]
-    is_leaf = tree.first_child < 0
-    for joint in np.flatnonzero(turning):
-        pairs = (count == 1) & between[:, :, joint]
-        low, high = lower[joint], upper[joint]
-        if not high - low < 2.0 * np.pi:
-            low, high = -np.pi, np.pi
-        varies = _find_variation(kinematics, home, joint, low, high)
-        for c, leaves in enumerate(leaves_of):
-            rows = np.flatnonzero(pairs[:, c] & is_leaf)
-            variation[rows, c] = varies[np.ix_(rows, leaves)].max(axis=1, initial=0.0)
-            variation[pairs[:, c] & ~is_leaf, c] = 0.0
-    # What holds for all spheres below a node holds for the node.
-    for node in range(len(is_leaf) - 1, -1, -1):
-        parent = tree.parent[node]
-        if parent >= 0:
-            variation[parent] = np.maximum(variation[parent], variation[node])
-    joints = len(home)
-    return LinkGaps(parts, variation, np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
-
-
-def _find_variation(
-    kinematics: Kinematics, home: FloatArray, joint: int, low: float, high: float
-) -> FloatArray:
-    """How much distances between spheres vary while one joint turns within a range, in [m].
-
-    With all other joints at rest the square of a distance is a + b cos x + c sin x, which three
-    positions determine. Right for spheres of which this joint alone moves one. Shape (n, n).
-    """
-    squares = []
-    for angle in (0.0, 0.5 * np.pi, np.pi):
-        q = home.copy()
-        q[joint] = angle
-        kinematics.compute(q, np.zeros(len(home)))
-        centers = kinematics.centers
-        squares.append(((centers[:, None] - centers[None]) ** 2).sum(axis=2))
-    mean = 0.5 * (squares[0] + squares[2])
-    cosine, sine = 0.5 * (squares[0] - squares[2]), squares[1] - mean
-    ends = [mean + cosine * np.cos(angle) + sine * np.sin(angle) for angle in (low, high)]
-    least, most = np.minimum(*ends), np.maximum(*ends)
-    swing = np.hypot(cosine, sine)
-    farthest = np.arctan2(sine, cosine)
-    # The next turn at which the distance is greatest, or least, from the lower end on.
-    for shift, sign in ((0.0, 1.0), (np.pi, -1.0)):
-        is_passed = (farthest + shift - low) % (2.0 * np.pi) <= high - low
-        extreme = mean + sign * swing
-        least = np.where(is_passed, np.minimum(least, extreme), least)
-        most = np.where(is_passed, np.maximum(most, extreme), most)
-    varies: FloatArray = np.sqrt(np.maximum(most, 0.0)) - np.sqrt(np.maximum(least, 0.0))
-    return varies + VARIATION_SLACK
-
-
-def _find_parts(tree: SphereTree, root: int) -> IntArray:
-    """Nodes below a root that own between them all that it owns."""
-    level = [root]
-    while len(level) < FEWEST_PARTS:
-        opened = [node for node in level if tree.first_child[node] >= 0]
-        if not opened:
-            break
-        level = [node for node in level if tree.first_child[node] < 0]
-        for node in opened:
-            level += _find_children(tree, node)
-    return np.array(level, dtype=np.int64)
-
-
-def _find_children(tree: SphereTree, node: int) -> list[int]:
-    first = int(tree.first_child[node])
-    if first < 0:
-        return []
-    last = first
-    while last < len(tree.parent) and tree.parent[last] == node:
-        last += 1
-    return list(range(first, last))
-
-
-def _find_leaves(tree: SphereTree, node: int) -> IntArray:
-    """The leaves below a node, or the node itself where it is one."""
-    found, left = [], [node]
-    while left:
-        node = left.pop()
-        children = _find_children(tree, node)
-        if children:
-            left += children
-        else:
-            found.append(node)
-    return np.array(sorted(found), dtype=np.int64)
 
 
 @kernel
@@ -205,7 +86,7 @@ def _reach(lever: FloatArray, node: int, table: JointTable) -> float:
 
 
 @kernel
-def _is_obstacle_near(
+def is_obstacle_near(
     center: FloatArray,
     reach: float,
     bodies: States,
@@ -246,7 +127,7 @@ def find_near_obstacles(
     centers: FloatArray,
     lever: FloatArray,
     tree: SphereTree,
-    gaps: LinkGaps,
+    room: ClampRoom,
     link: int,
     table: JointTable,
     references: States,
@@ -255,7 +136,7 @@ def find_near_obstacles(
     now: float,
     gap: float,
 ) -> int:
-    """Fill `gaps.near` with the obstacles that a link can clamp a row against; how many there are.
+    """Fill `room.near` with the obstacles that a link can clamp a row against; how many there are.
 
     More than fit in are counted, but not filled in.
 
@@ -263,7 +144,7 @@ def find_near_obstacles(
         centers: Of the arm's spheres, in [m]. Shape (n, 3).
         lever: Of the arm's spheres, in [m]. Shape (n, nv).
         tree: Of the spheres.
-        gaps: Written.
+        room: Written.
         link: Of the arm.
         table: Where joints can be.
         references: States of obstacles that all later ones are compared with.
@@ -280,12 +161,12 @@ def find_near_obstacles(
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
-        is_near, _ = _is_obstacle_near(
+        is_near, _ = is_obstacle_near(
             centers[node], reach, references, marks, other, now, table.time[last]
         )
         if is_near:
-            if count < gaps.near.shape[0]:
-                gaps.near[count] = other
+            if count < room.near.shape[0]:
+                room.near[count] = other
             count += 1
     return count
 
@@ -296,6 +177,7 @@ def find_clamp(
     lever: FloatArray,
     tree: SphereTree,
     gaps: LinkGaps,
+    room: ClampRoom,
     node: int,
     table: JointTable,
     references: States,
@@ -311,7 +193,8 @@ def find_clamp(
         placement: Of the arm.
         lever: Of the arm's spheres, in [m]. Shape (n, nv).
         tree: Of the spheres.
-        gaps: With what `find_near_obstacles` filled in; its weights are written.
+        gaps: How distances between links can vary.
+        room: With what `find_near_obstacles` filled in; its weights are written.
         node: The sphere.
         table: Where joints can be.
         references: As for `find_near_obstacles`.
@@ -321,7 +204,7 @@ def find_clamp(
         gap: How near is near, in [m].
         thickness: How thick the part is at the least, in [m].
     """
-    centers, weight = placement.centers, gaps.weight
+    centers, weight = placement.centers, room.weight
     last = table.time.shape[0] - 1
     set_span(table, 0, last, 1.0)
     size = table.box.span[2]
@@ -351,13 +234,13 @@ def find_clamp(
             if mine[j] != theirs[j]:
                 one = _weight_of(lever, tree, table, node if mine[j] else part, j)
                 weight[j] = max(weight[j], one)
-    if near_count > gaps.near.shape[0]:
+    if near_count > room.near.shape[0]:
         return Clamp(by_link, True, np.inf)
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
-        is_near, speed = _is_obstacle_near(
-            centers[node], reach, references, marks, gaps.near[k], now, table.time[last]
+        is_near, speed = is_obstacle_near(
+            centers[node], reach, references, marks, room.near[k], now, table.time[last]
         )
         if is_near:
             by_obstacle = True
@@ -375,18 +258,18 @@ def _weight_of(lever: FloatArray, tree: SphereTree, table: JointTable, node: int
 
 
 @kernel
-def _closing_way(table: JointTable, gaps: LinkGaps, node: int) -> float:
+def _closing_way(table: JointTable, weight: FloatArray, node: int) -> float:
     """By how much the gaps between links can still close from a node's time on, in [m]."""
     last = table.time.shape[0] - 1
     way = 0.0
-    for j in range(gaps.weight.shape[0]):
-        if not gaps.weight[j] > 0.0:
+    for j in range(weight.shape[0]):
+        if not weight[j] > 0.0:
             continue
         travel = 0.0
         for k in range(node, last):
             pace = max(table.fastest[k, j], -table.slowest[k, j])
             travel += pace * (table.time[k + 1] - table.time[k])
-        way += gaps.weight[j] * travel
+        way += weight[j] * travel
     return way * (1.0 + SUM_ROUNDING)
 
 
@@ -396,7 +279,7 @@ def find_short_way_node(
     radius: float,
     moves: BoolArray,
     table: JointTable,
-    gaps: LinkGaps,
+    weight: FloatArray,
     clamp: Clamp,
     max_way: float,
 ) -> int:
@@ -407,7 +290,7 @@ def find_short_way_node(
         radius: Its radius, in [m].
         moves: Which joints move it. Shape (nv,).
         table: Of an arm that brakes until it rests, with velocities.
-        gaps: With the weights of `find_clamp`.
+        weight: That of the room that `find_clamp` wrote. Shape (nv,).
         clamp: What that returned.
         max_way: The way, in [m].
     """
@@ -421,7 +304,7 @@ def find_short_way_node(
         middle = (sooner + later) // 2
         is_short = True
         if clamp.by_link:
-            is_short = _closing_way(table, gaps, middle) <= max_way
+            is_short = _closing_way(table, weight, middle) <= max_way
         if is_short and clamp.by_obstacle:
             way = way_from(radius, count, table, middle)
             way += clamp.obstacle_speed * (table.time[last] - table.time[middle])

@@ -323,7 +323,7 @@ def moves_of(scene: Scene, node: int) -> BoolArray:
 def find_near(scene: Scene, link: int, row: int, table: JointTable, now: float, gap: float) -> int:
     """List the obstacles that a link can clamp a row against, until a table ends; how many."""
     return find_near_obstacles(
-        scene.arm.centers, scene.arm.lever, scene.tree, scene.link_gaps, link, table,
+        scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table,
         scene.references, scene.marks, row, now, gap + scene.settings.margin,
     )  # fmt: skip
 
@@ -334,8 +334,8 @@ def find_sphere_clamp(
 ) -> Clamp:
     """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
     return find_clamp(
-        scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, node, table,
-        scene.references, scene.marks, now, near_count, limit.gap + scene.settings.margin,
+        scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, scene.clamp_room, node,
+        table, scene.references, scene.marks, now, near_count, limit.gap + scene.settings.margin,
         limit.thickness,
     )  # fmt: skip
 
@@ -389,7 +389,7 @@ def _is_sphere_safe(
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed, np.inf)
     if clamp.by_link or clamp.by_obstacle:
         short = find_short_way_node(
-            sphere, radius, moves, table, scene.link_gaps, clamp, limit.max_way
+            sphere, radius, moves, table, scene.clamp_room.weight, clamp, limit.max_way
         )
         harmless = max(harmless, short)
     if harmless == 0 or is_free_until(sphere, table, hull, distance, harmless):

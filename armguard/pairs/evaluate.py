@@ -20,7 +20,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
-from armguard.pairs.clamping import LinkGaps, make_no_gaps
+from armguard.pairs.clamping import make_room
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
 from armguard.robot.kinematics import Kinematics
@@ -38,7 +38,6 @@ class TickState:
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
         contact_limits: What contact is permitted; None: none.
-        link_gaps: Where links can clamp something between them; needed with limits.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -59,7 +58,6 @@ class TickState:
         *,
         margin: float,
         contact_limits: RegionLimits | None = None,
-        link_gaps: LinkGaps | None = None,
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
@@ -82,7 +80,7 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._link_gaps = make_no_gaps() if link_gaps is None else link_gaps
+        self._clamp_room = make_room(motion.joint.lever.shape[1])
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -93,20 +91,6 @@ class TickState:
         self._link_time, self._link_bound = np.zeros(links), np.zeros(links, dtype=np.int64)
         self._obstacles = obstacles
         self._accepted: States | None = None
-        self.view_table()
-
-    def begin(self, now: float, arm_age: float, refinement_threshold: float) -> None:
-        """Start a tick, after kinematics and bounds were computed for it.
-
-        Args:
-            now: Time of this tick on the obstacles' clock, in [s].
-            arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-            refinement_threshold: Nodes that could be touched before this, in [s], are refined.
-        """
-        self.now = now
-        self.arm_age = arm_age
-        self.refinement_threshold = refinement_threshold
-        self.sphere_time.fill(np.inf)
         self.view_table()
 
     def prepare_arm(self, q: FloatArray, v: FloatArray) -> None:
@@ -134,7 +118,8 @@ class TickState:
             self.refused_bodies,
             self.marks,
             self._contact_limits,
-            self._link_gaps,
+            motion.link_gaps,
+            self._clamp_room,
             table.reference_states,
             self._settings,
             self._node_time,

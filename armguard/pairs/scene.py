@@ -13,11 +13,12 @@ import numpy as np
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.limits import JointLimits
+from armguard.bounds.link_gaps import LinkGaps
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
-from armguard.pairs.clamping import LinkGaps
+from armguard.pairs.clamping import ClampRoom
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
 UNKNOWN, REACH, ISOTROPIC, JOINT = range(4)
@@ -86,7 +87,8 @@ class Scene(NamedTuple):
     contact_limits: RegionLimits
     """What contact is permitted, by region."""
     link_gaps: LinkGaps
-    """Where links can clamp something between them."""
+    """How distances between links can vary, for what can be clamped between them."""
+    clamp_room: ClampRoom
     references: States
     """States of obstacles that all later ones are compared with."""
     settings: Settings

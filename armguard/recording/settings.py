@@ -53,6 +53,11 @@ READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
 }
 """What makes a value of each type that settings can have beside plain ones."""
 
+LIMITS = "contact_limits"
+
+OWN_WORDS = ("operating", LIMITS)
+"""Settings that are no plain values, and that a word can change."""
+
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:
     """What a monitor and its table were made with, as plain data.
@@ -105,7 +110,7 @@ def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) ->
         name: _read(declared, data[name])
         for name, declared in read_declarations(Settings).items()
         # Recordings of before there were contact limits have none.
-        if name in data or name != "contact_limits"
+        if name in data or name != LIMITS
     }
     return Monitor(robot, obstacles, read_settings(None, {**data, **values}))
 
@@ -127,13 +132,13 @@ def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Rob
     declarations = read_declarations(Settings)
     plain = [one for one in declarations.values() if one.plain_type not in (None, bool)]
     known = [*(one.name for one in plain), "operating.velocity"]
-    known += ["operating.acceleration", "bounds.speed", "bounds.accel", "contact_limits"]
+    known += ["operating.acceleration", "bounds.speed", "bounds.accel", LIMITS]
     for name, text in changes.items():
-        if name in known and name in declarations and name != "operating":
+        if name in known and name in declarations and name not in OWN_WORDS:
             data["monitor"][name] = _read_text(declarations[name], text)
         elif name == "operating":
             data["monitor"][name] = _choose_operating(text, robot)
-        elif name == "contact_limits":
+        elif name == LIMITS:
             if text != "none":
                 raise ArmguardError(name, f"is {text!r}", expected='"none"')
             data["monitor"][name] = None

@@ -26,8 +26,7 @@ from armguard.scheduling.tournament import (
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, MOVED, PREPARED, STALE, EVALUATED_ROWS = range(5)
-SPENT, BROKEN, UNSAFE, READ_AHEAD = range(5, 9)
+ACTIVE, MOVED, PREPARED, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, READ_AHEAD = range(8)
 """Places in `Certificates.numbers`."""
 
 
@@ -132,10 +131,9 @@ class Certificates(NamedTuple):
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
     """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
-    bounds prepared; how many rows were evaluated later than they were due, and of late,
-    evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
-    which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
-    Shape (9,)."""
+    bounds prepared; of late, evaluated rows and evaluations spent on them; how many of `broken` are
+    in use; the last tick in which the stop decision found a pair unsafe; and what reading ahead
+    came to, which is of no use. Shape (8,)."""
 
 
 def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
@@ -153,11 +151,11 @@ def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
         **_make_rows(0, links, permits_contact=permits_contact),
         proofs=_make_proofs(0, 1),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, 0]),
+        numbers=np.array([0, -1, -1, 0, 0, 0, -9, 0]),
     )
 
 
-def _make_rows(rows: int, links: int, *, permits_contact: bool) -> dict[str, NDArray[Any]]:
+def _make_rows(rows: int, links: int, *, permits_contact: bool) -> dict[str, Any]:
     """The fields of certificates that are read together, without anything in them."""
     times: dict[str, tuple[type, tuple[int, ...]]] = {
         "evaluated_at": (float, ()),
@@ -181,10 +179,19 @@ def _make_proofs(rows: int, width: int) -> StopProofs:
     fields = dict.fromkeys(("until", "made_at", "retry_at"), (float, ()))
     fields |= {"retry_revision": (int, ()), "link": (int, ())}
     fields |= dict.fromkeys(("speed", "asked_at"), (float, ()))
-    own = make_records(places, **fields)
-    own[0][:] = -np.inf
-    known, reference_states = make_known_states(places, width), make_states(places, width)
-    return StopProofs(*own, known, reference_states)
+    until, made_at, retry_at, retry_revision, link, speed, asked_at = make_records(places, **fields)
+    until[:] = -np.inf
+    return StopProofs(
+        until=until,
+        made_at=made_at,
+        retry_at=retry_at,
+        retry_revision=retry_revision,
+        link=link,
+        speed=speed,
+        asked_at=asked_at,
+        known=make_known_states(places, width),
+        reference_states=make_states(places, width),
+    )
 
 
 @kernel

@@ -45,8 +45,9 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """What contact with a region of the body is permitted, stated in one of three ways.
 
     These are `speed`; or `energy` and `body_mass`; or `force`, `stiffness` and `body_mass`, which
-    stand for the energy force² / (2 stiffness). 0 is "never". Only a limit with `force` and
-    `stiffness` permits contact where the part can be clamped.
+    stand for the energy force² / (2 stiffness), or of the `transient_force` if that is stated. 0 is
+    "never". Only a limit with `force` and `stiffness` permits contact where the part can be
+    clamped.
 
     Raises:
         ArmguardError: A number is negative, infinite or NaN, the source is missing, or the limit is
@@ -61,6 +62,9 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     force: NotNegative | None = None
     """What may press on the part, in [N]: of a part that cannot give way as well. Left out: another
     way states it, and the part may not be touched where it can be clamped."""
+    transient_force: NotNegative | None = None
+    """What may press on a part that can give way, for the instant of an impact, in [N]; at least
+    `force`. Left out: no more than `force`."""
     stiffness: Positive | None = None
     """Of the part's tissue, in [N/m]: a high value gives less energy and less way. Left out: beside
     `force` alone it is needed."""
@@ -97,6 +101,14 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
                 problem = "is missing" if name in _WAYS[way] else "is given"
                 beside = " and ".join(_WAYS[way]) or "speed"
                 raise ArmguardError(name, f"{problem} beside {way}", expected=f"{beside} alone")
+        if self.transient_force is not None and not (
+            self.force is not None and self.transient_force >= self.force
+        ):
+            raise ArmguardError(
+                "transient_force",
+                f"is {self.transient_force:g} N",
+                expected="at least `force`, which must be given",
+            )
         if not (math.isfinite(self.max_speed) and math.isfinite(self.max_way)):
             raise ArmguardError(
                 way, f"comes to {self.max_speed:g} m/s", expected="numbers with a finite quotient"
@@ -113,7 +125,8 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         else:
             # √(2 E / m) with E = F² / (2 k).
             stiffness = float(self.stiffness or math.nan)
-            speed = float(self.force or 0.0) / (math.sqrt(stiffness) * math.sqrt(mass))
+            force = float(self.transient_force or self.force or 0.0)
+            speed = force / (math.sqrt(stiffness) * math.sqrt(mass))
         return speed * (1.0 - SUM_ROUNDING)
 
     @property

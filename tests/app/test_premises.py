@@ -1,5 +1,6 @@
 import re
 
+from armguard import ContactLimit, ContactLimits
 from armguard.app.cell import Cell
 from armguard.app.premises import Premise, describe_missing_limits, list_premises
 from armguard.obstacles import Obstacles
@@ -22,6 +23,23 @@ def test_what_a_monitor_was_told_stands_beside_them():
     assert "7 m/s² and 1.5 m/s" in told[Premise.OBSTACLES]
     assert told[Premise.FIRST_SIGHT].endswith("(entrances: door)")
     assert told[Premise.CLOCKS].endswith("(latency of verdicts: 4 ms)")
+
+
+def test_the_limits_in_force_stand_beside_the_premise_of_contact():
+    limits = ContactLimits(
+        {
+            "hand": ContactLimit(speed=0.9, source="assumed", person_speed=0.5),
+            "chest": ContactLimit(speed=0.2, source="assumed"),
+        }
+    )
+    for has_table in (False, True):
+        obstacles = Obstacles(sources=[])
+        if has_table:
+            obstacles.add_static("table", [0.5, 0.0, -0.5], 0.4)
+        _, monitor = make_monitor(obstacles=obstacles, contact_limits=limits)
+        told = dict(zip(Premise, list_premises(monitor), strict=True))[Premise.CONTACT]
+        assert "hand: 0.53 m/s, person's speed 0.5 m/s; chest: 0.2 m/s, person's speed own" in told
+        assert ("no statics are stated" in told) != has_table
 
 
 def test_links_of_other_arms_that_are_only_drawn_are_named():

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from armguard.bounds.displacement import arrival, brake, fill_displacements
+from armguard.bounds.displacement import arrival, brake, fill_displacements, fill_velocities
 from armguard.bounds.free_body import free_displacement
 from armguard.bounds.limits import JointLimits
 from armguard.robot.brakes import Stop
@@ -131,3 +131,70 @@ def test_no_joint_gets_further_whatever_stop_it_comes_back_from(age, free):
         assert (came <= high[before] + slack)[inside].all()
         assert (came >= low[before] - slack)[inside].all()
     assert (closest > 0.95).all()
+
+
+def velocities_of(q, v, age, free, limits, time):
+    fastest, slowest = np.empty((2, len(time), len(q)))
+    fill_velocities(q, v, age, free, limits, time, fastest, slowest)
+    return fastest, slowest
+
+
+@pytest.mark.parametrize("age", [-0.05, 0.0, 0.03])
+@pytest.mark.parametrize("free", [np.inf, 0.05, 0.2])
+def test_velocities_bound_the_slopes_of_motions(age, free):
+    """From a node on where joints brake, up to it where they never do."""
+    random, closest = np.random.default_rng(3), 0.0
+    time = 0.01 * np.arange(41)
+    for _ in range(3):
+        limits, true_q, true_v = random_joints(random, 1000)
+        q = true_q + limits.position_error * random.choice([-1.0, 1.0], 1000)
+        v = true_v + limits.velocity_error * random.choice([-1.0, 1.0], 1000)
+        truly = limits._replace(
+            lower=np.minimum(limits.lower, q),
+            upper=np.maximum(limits.upper, q),
+            velocity=np.maximum(limits.velocity, np.abs(v)),
+        )
+        fastest, slowest = velocities_of(q, v, age, free, limits, time)
+        at = np.rint((age + time) / DT).astype(int)
+        slack = 1e-9 + limits.acceleration * DT
+        for _ in range(5):
+            slopes = np.diff(move(random, truly, true_q, true_v, free, at[-1] + 2), axis=0) / DT
+            for node in np.flatnonzero(at >= 0):
+                part = slopes[: at[node]] if free == np.inf else slopes[at[node] :]
+                if free == np.inf and age > 0.0:
+                    part = slopes[at[0] : at[node]]
+                assert (part <= fastest[node] + slack).all()
+                assert (part >= slowest[node] - slack).all()
+            closest = max(closest, (slopes[at[-1] // 2] / fastest[len(time) // 2].max()).max())
+    assert closest > (0.95 if free == np.inf else 0.0)
+
+
+@pytest.mark.parametrize("free", [np.inf, 0.0, 0.1])
+def test_velocities_bound_more_the_longer_the_time_that_a_node_stands_for(free):
+    random, time = np.random.default_rng(4), 0.01 * np.arange(61)
+    limits, q, v = random_joints(random, 1000)
+    for age in (-0.02, 0.0, 0.05):
+        rise = 1.0 if free == np.inf else -1.0
+        fastest, slowest = velocities_of(q, v, age, free, limits, time)
+        assert (rise * np.diff(fastest, axis=0) >= 0.0).all()
+        assert (rise * np.diff(slowest, axis=0) <= 0.0).all()
+        assert (slowest <= fastest).all()
+        top = np.maximum(limits.operating_velocity, np.abs(v)) * (1.0 + 1e-9)
+        assert (fastest <= top).all()
+        assert (slowest >= -top).all()
+        if free < np.inf:
+            rest = max(age, 0.0) + time[-1] + 100.0
+            rested = velocities_of(q, v, age, free, limits, np.array([rest]))
+            assert not np.any(rested)
+
+
+@pytest.mark.parametrize("wrong", ["q", "v", "age", "free"])
+@pytest.mark.parametrize("free", [np.inf, 0.1])
+@pytest.mark.parametrize("number", [np.nan, -np.inf])
+def test_what_is_no_number_may_have_any_velocity(wrong, free, number):
+    limits, q, v = random_joints(np.random.default_rng(5), 4)
+    given = {"q": q, "v": v, "age": 0.0, "free": free}
+    given[wrong] = given[wrong] * np.nan if np.ndim(given[wrong]) else number
+    fastest, slowest = velocities_of(*given.values(), limits, np.array([0.0, 0.1]))
+    assert (fastest == np.inf).all()
+    assert (slowest == -np.inf).all()

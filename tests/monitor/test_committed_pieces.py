@@ -12,6 +12,7 @@ from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
 from armguard.robot import Robot
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.verdict import Effect, Level, ReasonKind
 from support.example_arms import load_holding
 from support.panda_monitor import (
@@ -32,6 +33,7 @@ from support.plan_hunt import PlanHunt
 DURATION = 0.6
 TIMES = np.linspace(0.0, DURATION, 61)
 ERROR, SPEED_ERROR = 2e-3, 0.02
+HEAD, HAND = 1, 11
 TURN = 0.2
 """How far the first joint turns on the way, in [rad]."""
 
@@ -1186,3 +1188,32 @@ def test_the_pieces_that_the_arm_may_be_on_are_there_to_be_looked_at_until_a_res
     assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "arm")
     verdicts = [monitor.step(float(TIMES[k]), plan.q[k], plan.v[k]) for k in range(3, len(TIMES))]
     assert min(verdict.level for verdict in verdicts) is Level.STOP
+
+
+def permit_hands(speed):
+    """Limits by which a hand may be touched at so many [m]/[s], and pressed for 1 m."""
+    if speed == 0.0:
+        return ContactLimits({"hand": ContactLimit(speed=0.0, source="test")})
+    given = {"force": 100.0, "stiffness": 100.0, "body_mass": 100.0 / speed**2}
+    return ContactLimits({"hand": ContactLimit(source="test", **given)})
+
+
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_a_slow_piece_is_safe_beside_a_hand_where_contact_is_permitted(leave):
+    for limits, region, is_safe in (
+        (None, HAND, False),
+        (permit_hands(0.9), HAND, True),
+        (permit_hands(0.9), HEAD, False),
+        (permit_hands(0.05), HAND, False),
+        (permit_hands(0.0), HAND, False),
+    ):
+        obstacles, monitor = make_monitor(
+            motion="planned", leave=leave, reaction_time=0.02, contact_limits=limits
+        )
+        put_post(obstacles, 0.4, distance=0.42)
+        obstacles.table.marks.regions[:] = 2**region
+        monitor.step(0.0, HOME, STILL)
+        answer = monitor.commit(make_plan())
+        assert answer.safe == is_safe, (limits, region)
+        if not is_safe:
+            assert kinds(answer) == {ReasonKind.PLAN_UNSAFE}

@@ -8,8 +8,8 @@ from armguard.obstacles.pattern_regions import PatternRegions
 HAND, FOREARM = 1 << NUMBERS["hand"], 1 << NUMBERS["forearm"]
 
 
-def test_without_patterns_one_number_is_for_all():
-    assert PatternRegions().find(["a", "b"]) == 0
+def test_without_patterns_nothing_is_looked_up():
+    assert PatternRegions().find(["a", "b"]) is None
 
 
 def test_an_id_has_the_regions_of_all_patterns_that_fit_in_any_order():

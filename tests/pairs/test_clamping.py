@@ -16,7 +16,6 @@ from armguard.pairs.clamping import (
     Clamp,
     find_short_way_node,
     is_same_person,
-    make_link_gaps,
 )
 from armguard.pairs.contact_time import find_near, find_sphere_clamp, moves_of, sphere_of
 from armguard.pairs.evaluate import TickState
@@ -34,73 +33,13 @@ def arm_of(name):
     robot = load_arm(name)
     kinematics = Kinematics(robot)
     motion = ArmMotion(robot, REACTION, with_velocities=True)
-    limits = motion.joint.limits
-    home = np.clip(np.zeros(len(limits.lower)), limits.lower, limits.upper)
-    turning = motion.joint.table.box.turning
-    gaps = make_link_gaps(kinematics, turning, limits.lower, limits.upper, home)
-    return robot, kinematics, motion, gaps
-
-
-def leaves_below(tree, node):
-    if tree.first_child[node] < 0:
-        return [node]
-    children = [child for child in range(len(tree.parent)) if tree.parent[child] == node]
-    return [leaf for child in children for leaf in leaves_below(tree, child)]
+    return robot, kinematics, motion, motion.link_gaps
 
 
 def draw_q(random, robot):
     lower = np.maximum(robot.lower_position_limit, -6.0)
     upper = np.minimum(robot.upper_position_limit, 6.0)
     return lower + (upper - lower) * random.random(len(lower))
-
-
-@pytest.mark.parametrize("name", ["panda", "xarm7", "ur5", "tiago"])
-def test_distances_vary_no_more_than_is_said(name):
-    """One joint runs through its whole range, the others are anywhere."""
-    robot, kinematics, _, gaps = arm_of(name)
-    tree, placement = kinematics.spheres.tree, kinematics.placement
-    random = np.random.default_rng(3)
-    moves = placement.moves[placement.joint]
-    is_leaf = tree.first_child < 0
-    still = np.zeros(len(robot.joints))
-    closest = 0.0
-    for joint in range(len(still)):
-        least = np.full((len(tree.parent),) * 2, np.inf)
-        most = np.zeros_like(least)
-        lower, upper = robot.lower_position_limit[joint], robot.upper_position_limit[joint]
-        q = draw_q(random, robot)
-        for angle in np.linspace(max(lower, -np.pi), min(upper, max(lower, -np.pi) + 7.0), 40):
-            q[joint] = angle
-            kinematics.compute(q, still)
-            centers = kinematics.centers
-            apart = np.linalg.norm(centers[:, None] - centers[None], axis=2)
-            least, most = np.minimum(least, apart), np.maximum(most, apart)
-        varies = most - least
-        for c, part in enumerate(gaps.parts):
-            differ = moves != moves[part]
-            rows = np.flatnonzero(differ[:, joint] & (differ.sum(axis=1) == 1) & is_leaf)
-            found = varies[np.ix_(rows, leaves_below(tree, part))].max(axis=1, initial=0.0)
-            said = gaps.variation[rows, c]
-            assert (found <= said).all(), (robot.joints[joint], (found - said).max())
-            if np.isfinite(said).all() and len(rows):
-                closest = max(closest, float((found / said).max()))
-    assert closest > 0.9 or not np.isfinite(gaps.variation[gaps.variation > 0.0]).any()
-
-
-@pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_distances_of_links_vary_unless_no_joint_lies_between(name):
-    _, kinematics, _, gaps = arm_of(name)
-    placement, tree = kinematics.placement, kinematics.spheres.tree
-    moves = placement.moves[placement.joint]
-    count = (moves[:, None] != moves[gaps.parts][None]).sum(axis=2)
-    assert (gaps.variation[count == 0] == 0.0).all()
-    assert (gaps.variation[count > 1] == np.inf).all()
-    # What holds for a node holds for all below it.
-    child = np.flatnonzero(tree.parent >= 0)
-    assert (gaps.variation[child] <= gaps.variation[tree.parent[child]]).all()
-    # Between them the parts own every leaf.
-    owned = [leaf for part in gaps.parts for leaf in leaves_below(tree, part)]
-    assert sorted(owned) == np.flatnonzero(tree.first_child < 0).tolist()
 
 
 @kernel
@@ -118,7 +57,7 @@ def ask_short(handle, node, by_link, by_obstacle, speed, max_way):
     scene = handle.content
     return find_short_way_node(
         sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), scene.braking,
-        scene.link_gaps, Clamp(by_link, by_obstacle, speed), max_way,
+        scene.clamp_room.weight, Clamp(by_link, by_obstacle, speed), max_way,
     )  # fmt: skip
 
 
@@ -155,7 +94,6 @@ class World:
         none = RegionLimits(*(np.zeros(0) for _ in range(4)))
         self.state = TickState(
             self.kinematics, self.motion, self.obstacles, margin=0.0, contact_limits=none,
-            link_gaps=self.gaps,
         )  # fmt: skip
         table = self.obstacles.table
         for row in self.rows:
@@ -238,7 +176,7 @@ def test_nothing_that_could_clamp_is_missed(name):
 
 def test_measurement_errors_of_joints_count_as_way():
     """An arm that is measured at rest, a static obstacle just beyond the gap, and an error."""
-    robot, kinematics, motion, gaps = arm_of("panda")
+    robot, kinematics, motion, _ = arm_of("panda")
     q, v = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8]), np.zeros(7)
     kinematics.compute(q, v)
     node = int(kinematics.spheres.tree.root[-1])
@@ -257,9 +195,7 @@ def test_measurement_errors_of_joints_count_as_way():
         row = obstacles.row(name)
         keep_reference_state(table.accepted, table.reference_states, table.marks, row, row)
     none = RegionLimits(*(np.zeros(0) for _ in range(4)))
-    state = TickState(
-        kinematics, motion, obstacles, margin=0.0, contact_limits=none, link_gaps=gaps
-    )
+    state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
     kinematics.place(q)
     prepare_arm(state.scene, q, v, 0.0)
     motion.braking.tabulate(q, v, 0.0, 0.0)
@@ -303,11 +239,9 @@ def test_who_is_of_one_person():
         obstacles.update(
             [name], NOW, [[2.0, 0.0, 0.0]], [[0.0] * 3], radius=0.1, source=source, region=region
         )
-    _, kinematics, motion, gaps = arm_of("panda")
+    _, kinematics, motion, _ = arm_of("panda")
     none = RegionLimits(*(np.zeros(0) for _ in range(4)))
-    state = TickState(
-        kinematics, motion, obstacles, margin=0.0, contact_limits=none, link_gaps=gaps
-    )
+    state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
     first = obstacles.row("p1/hand", "a")
 
     def is_same(name, source="a"):
@@ -359,7 +293,7 @@ def test_a_short_way_is_not_exceeded(name):
             _, clamp = world.clamp(link_of[node], node, gap=0.5)
             by_obstacle = ask_short(world.state.handle, node, False, True, 0.0, max_way)
             by_link = ask_short(world.state.handle, node, True, False, 0.0, max_way)
-            weights = world.gaps.weight > 0.0
+            weights = world.state.scene.clamp_room.weight > 0.0
             for trace in traces:
                 later = trace[times >= table.time[by_obstacle], node]
                 if len(later):

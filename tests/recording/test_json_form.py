@@ -58,7 +58,18 @@ def test_numbers_stand_in_flat_lists_and_words():
     told = json.loads(write_json(message))
     assert told["position"] == ["NaN", 0.0, "Infinity", 1.0, 2.0, "-Infinity"]
     assert (told["radius"], told["speed"]) == ([0.1, 0.2], [2.0]), "one alone holds for all"
-    assert not {"velocity", "accel", "seq"} & set(told)
+    assert not {"velocity", "accel", "seq", "region"} & set(told)
+
+
+@pytest.mark.parametrize(
+    ("region", "written"), [("hand", ["hand"]), (["hand", ""], ["hand", ""]), (None, None)]
+)
+def test_texts_stand_in_lists(region, written):
+    message = ObstaclesMessage(["a", "b"], 1.5, position=bytes(48), region=region)
+    told = json.loads(write_json(message))
+    assert told.get("region") == written
+    assert read_json(ObstaclesMessage, write_json(message)).region == region
+    assert make_schema(ObstaclesMessage)["properties"]["region"]["items"] == {"type": "string"}
 
 
 @pytest.mark.parametrize(

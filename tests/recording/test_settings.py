@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+import armguard
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recorder, Recording
 from armguard.recording.replay import Replay, replay
@@ -35,6 +36,38 @@ def test_a_monitor_that_is_made_anew_has_the_same_settings(motion):
     assert len(set(placements)) == 1
     frames = [one.obstacles.settings.frames["tilted"].rotation for one in (again, monitor)]
     assert frames[0].tobytes() == frames[1].tobytes()
+
+
+def test_contact_limits_and_regions_are_made_anew_and_can_be_taken_away():
+    limits = armguard.ContactLimits(
+        {
+            "hand": armguard.ContactLimit(speed=0.9, source="assumed", person_speed=0.1 + 0.2),
+            "chest": armguard.ContactLimit(
+                force=140.0, stiffness=25e3, body_mass=40.0, source="a paper", gap=0.0
+            ),
+        }
+    )
+    robot, regions = panda_monitor.panda(), {"*_hand": "hand"}
+    obstacles = armguard.Obstacles(regions=regions)
+    data = through_json(
+        describe_settings(armguard.Monitor(robot, obstacles, contact_limits=limits))
+    )
+    again = make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"]))
+    assert again.settings.contact_limits == limits
+    assert again.obstacles.settings.regions == regions
+    change_settings(data, {"contact_limits": "none"}, robot)
+    again = make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"]))
+    assert again.settings.contact_limits is None
+    with pytest.raises(ArmguardError, match=r"contact_limits: is '0.5'; expected \"none\""):
+        change_settings(data, {"contact_limits": "0.5"}, robot)
+
+
+def test_a_recording_of_before_there_were_contact_limits_has_none():
+    robot, _, monitor = eventful_runs.make_monitor("joint")
+    data = through_json(describe_settings(monitor))
+    del data["monitor"]["contact_limits"], data["obstacles"]["regions"]
+    again = make_monitor(data["monitor"], robot, make_obstacles(data["obstacles"]))
+    assert again.settings.contact_limits is None
 
 
 @pytest.mark.parametrize("rate", [1000.0, 333.3, 49.0, 1e3 / 3.0])

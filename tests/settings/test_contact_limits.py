@@ -1,5 +1,7 @@
 import math
+import re
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,6 +44,18 @@ def test_what_the_arm_adds_is_the_energy_stated_and_never_more(way, own):
     assert fastest > 0
     assert added <= allowed
     assert float(added) == pytest.approx(float(allowed), rel=1e-9)
+
+
+def test_the_page_computes_its_figures_as_armguard_does():
+    page = (Path(__file__).parents[2] / "docs" / "contact_limits.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([a-z ]+) \|((?: [\d.]+ \|){5})$", page, flags=re.MULTILINE)
+    assert len(rows) == 7
+    for region, cells in rows:
+        mass, stiffness, force, energy, speed = (float(one) for one in cells.split("|")[:-1])
+        assert region.replace(" ", "_") in REGIONS
+        limit = make_limit(force=2.0 * force, stiffness=1e3 * stiffness, body_mass=mass)
+        assert speed == pytest.approx(limit.max_speed, abs=0.006)
+        assert energy == pytest.approx(0.5 * mass * limit.max_speed**2, abs=0.006)
 
 
 def test_a_speed_is_the_limit_itself_where_the_part_is_at_rest():
@@ -166,3 +180,26 @@ def test_every_region_has_a_gap_and_a_thickness():
     assert set(GAPS) == set(THICKNESSES) == set(REGIONS)
     assert GAPS["forearm"] == 0.12
     assert all(0.0 < THICKNESSES[one] <= gap for one, gap in GAPS.items())
+
+
+def test_an_impact_may_press_harder_than_a_clamp():
+    stated = {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "source": "a study"}
+    quasi_static = ContactLimit(**stated)
+    limit = ContactLimit(**stated, transient_force=280.0)
+    assert limit.max_way == quasi_static.max_way
+    assert limit.max_speed == pytest.approx(2.0 * quasi_static.max_speed)
+    energy = 280.0**2 / (2.0 * 75e3)
+    assert 0.5 * 0.6 * limit.max_speed**2 == pytest.approx(energy)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "transient_force": 100.0},
+        {"force": 140.0, "stiffness": 75e3, "body_mass": 0.6, "transient_force": np.nan},
+        {"speed": 0.5, "transient_force": 100.0},
+    ],
+)
+def test_an_impact_that_may_press_less_is_refused(stated):
+    with pytest.raises(ArmguardError, match="transient_force"):
+        ContactLimit(**stated, source="a study")

@@ -4,6 +4,7 @@ import contextlib
 
 import numpy as np
 
+from armguard import ContactLimit, ContactLimits
 from armguard.bounds import Plan
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor
@@ -28,6 +29,16 @@ MOTIONS = {
     "scaled": {"operating": OperatingLimits(velocity=1.5, acceleration=[6.0] * 7)},
     "daa": {"schedule": "daa", "reaction_time": 0.05},
     "full": {"schedule": "full"},
+    "touched": {
+        "contact_limits": ContactLimits(
+            {
+                "hand": ContactLimit(speed=0.9, source="assumed"),
+                "forearm": ContactLimit(
+                    force=160.0, stiffness=4e4, body_mass=2.0, source="assumed"
+                ),
+            }
+        )
+    },
     "committed": {"motion": "planned"},
     "left": {"motion": "planned", "leave": "any", "operating": "published"},
 }
@@ -43,6 +54,7 @@ def make_monitor(motion, robot=None):
         sources=[Source("camera", timeout=0.3), Source("scanner", required=False)],
         frames={"tilted": tilt},
         bounds=[("part1*", 12.5, 2.5), ("thrown*", np.inf, np.inf)],
+        regions={"part[012]": "hand", "part3": "forearm"},
     )
     obstacles.add_static("pillar", [[-1.0, 0.0, 0.0], [-1.0, 0.0, 2.0]], 0.2)
     obstacles.add_static("post", [0.1, -1.3, 0.3], 0.1)
@@ -98,6 +110,8 @@ def see_people(obstacles, rng, tick, now):
             position_error=0.01,
             velocity_error=0.1,
             source="camera",
+            # One is taken for another part from some time on, and one is none.
+            region=["hand", "hand", "forearm", "forearm", "", "chest"] if tick > 700 else None,
         )
     if tick % 20 == 0:
         middles = np.array([[[2.0, -1.0, 0.5]], [[-2.0, 1.5, 0.5]]])

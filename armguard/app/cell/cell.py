@@ -45,6 +45,7 @@ from armguard.robot.description import (
 )
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.settings.declarations import read_declarations
 from armguard.settings.schedule import DEADLINE
 from armguard.settings.settings import Settings
@@ -94,6 +95,8 @@ class Cell:
         self._check_clients()
         self._check_settings()
         self._patterns = self._list_bounds()
+        self._contact_limits = self._read_contact_limits()
+        self._regions = self._list_regions()
         self.frames = resolve_frames(tables, file)
         frames = self._own_frames
         self._statics = place_bodies(tables.statics, "statics", frames, file)
@@ -243,6 +246,7 @@ class Cell:
             if key not in read_declarations(Settings)
         }
         bounds["bounds"] = self._patterns
+        bounds["regions"] = self._regions
         del bounds["of"]
         # An empty table says that there are no sources; none at all, that nothing is known of them.
         sources = None
@@ -375,6 +379,7 @@ class Cell:
             **stated,
             "ignore": self._expand_ignore(robot),
             "base_placement": self.frames["base"].transform,
+            "contact_limits": self._contact_limits,
             "separation": self.tables.separation,
             "operating": self._read_operating(robot, self.tables.robot.operating),
         }
@@ -389,6 +394,34 @@ class Cell:
                 raise self._error(f"bounds.of.{pattern}", f"is {entry!r}", expected)
             listed.append((pattern, bounds.accel, bounds.speed))
         return listed
+
+    def _read_contact_limits(self) -> ContactLimits | None:
+        """What may be touched; None if the file does not say."""
+        tables = self.tables.contact_limits
+        limits = {
+            region: ContactLimit(
+                **{name: getattr(table, name) for name in ContactLimit.__struct_fields__}
+            )
+            for region, table in tables.items()
+        }
+        try:
+            return ContactLimits(limits) if limits else None
+        except ArmguardError as error:
+            raise self._error(error.offender, error.problem, error.expected) from None
+
+    def _list_regions(self) -> dict[str, str]:
+        """Regions of a body by pattern of ids."""
+        regions: dict[str, str] = {}
+        for region, table in self.tables.contact_limits.items():
+            for pattern in table.ids:
+                if pattern in regions:
+                    raise self._error(
+                        f"contact_limits.{region}.ids",
+                        f"has {pattern!r}, as contact_limits.{regions[pattern]}.ids",
+                        "each pattern once",
+                    )
+                regions[pattern] = region
+        return regions
 
     def _read_operating(
         self, robot: Robot, table: OperatingTable | str | UnsetType

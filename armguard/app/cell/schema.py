@@ -18,7 +18,8 @@ from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_ar
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from armguard.exceptions import CellError
+from armguard.exceptions import ArmguardError, CellError
+from armguard.settings.contact_limits import ContactLimit
 from armguard.settings.declarations import NotNegative, Positive, read_declarations
 from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import REMOVED, Settings
@@ -283,6 +284,17 @@ class BoundsTable(_Table):
     `accel` and `speed`."""
 
 
+class ContactTable(_Table, ContactLimit, kw_only=True):
+    """`[contact_limits.<region>]`: how a surface of the arm may touch one region of a body.
+
+    Stated in exactly one of three ways: by `speed`, by `energy` and `body_mass`, or by `force`,
+    `stiffness` and `body_mass`.
+    """
+
+    ids: list[Name] = []
+    """Patterns of the ids of obstacles that are this region, beside what messages state."""
+
+
 class MonitorTable(_Table):
     """`[monitor]`: how often and how pairs are evaluated."""
 
@@ -349,6 +361,9 @@ class CellTables(_Table, kw_only=True):
     source it may come later. A table ignores them in a zone only."""
     bounds: BoundsTable = BoundsTable()
     """What obstacles can do."""
+    contact_limits: dict[Name, ContactTable] = {}
+    """By region of a body, what contact with it is permitted. Without it nothing may be touched
+    while the arm moves ([Contact limits](contact_limits.md))."""
     monitor: MonitorTable = MonitorTable()
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
@@ -392,13 +407,14 @@ _REMOVED = {
 }
 """By table, keys of earlier versions, and what replaces them."""
 
-_NAMED: dict[str, type[_Table]] = {
+_NAMED: dict[str, type[msgspec.Struct]] = {
     "frames": FrameTable,
     "sources": SourceTable,
     "statics": StaticTable,
     "entrances": EntranceTable,
     "keys.clients": ClientTable,
     "bounds.of": PatternTable,
+    "contact_limits": ContactTable,
 }
 """Tables of entries with free names, each of which has one form; patterns have a word besides."""
 
@@ -502,6 +518,10 @@ def _convert(raw: object, kind: type[_T], path: str, file: str) -> _T:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
         raise _translate(error, raw, kind, path, file) from None
+    except ArmguardError as error:
+        # Of a table that checks itself.
+        key = f"{path}.{error.offender}"
+        raise make_error(file, key, error.problem, error.expected) from None
 
 
 def _translate(

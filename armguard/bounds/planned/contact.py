@@ -8,12 +8,17 @@ that they do not touch within one of them:
 for every point of the obstacle's hull, D2 being its free bound, convex in time. What one sphere
 does not prove, its children in the cover's tree may. Balls around all that a link sweeps in some
 slabs, and the arm in all of them, spare most obstacles an evaluation sphere by sphere.
+
+Where contact with an obstacle is permitted, a sphere that may be touched must be harmless from that
+slab on (`harmless`). What it owns is not asked about any more then.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from armguard.bounds.joint_box import Vector, stays_within
 from armguard.bounds.planned.course import (
@@ -23,12 +28,14 @@ from armguard.bounds.planned.course import (
     find_center,
     set_slab,
 )
+from armguard.bounds.planned.harmless import find_harmless_speed
 from armguard.bounds.table_time import is_usable, obstacle_room, separating_direction
 from armguard.contact.bodies import Bounds, Hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
+from armguard.obstacles.regions import ContactLimit, RegionLimits, strictest_limit
 from armguard.obstacles.table import Marks, States
 
 NONE = -1
@@ -48,6 +55,11 @@ class PlannedContact(NamedTuple):
     obstacle."""
     evaluated: int
     """Spheres evaluated, for one slab and one obstacle each."""
+    permitted_speed: float
+    """How fast a surface can be at most in a contact that is permitted, and possible, in [m]/[s]; 0
+    where none is. Of what was looked at: of all pairs where time is inf."""
+    permitted_pair: int
+    """The pair of that contact; NONE where there is none."""
 
 
 class Surroundings(NamedTuple):
@@ -60,6 +72,19 @@ class Surroundings(NamedTuple):
     """Refused samples beside them."""
     marks: Marks
     """Which of those may be true."""
+    limits: RegionLimits
+    """What contact is permitted."""
+    harmless_from: IntArray
+    """Room to work in: the slab from which on each sphere is harmless to the obstacle at hand, as
+    far as that was asked. Shape (n,)."""
+
+
+def make_surroundings(
+    arm: ArmShape, bodies: States, refused_bodies: States, marks: Marks, limits: RegionLimits
+) -> Surroundings:
+    """An arm among obstacles."""
+    room = np.zeros(len(arm.carrier), dtype=np.int64)
+    return Surroundings(arm, bodies, refused_bodies, marks, limits, room)
 
 
 class Body(NamedTuple):
@@ -125,6 +150,29 @@ def _is_sphere_free(
 
 
 @kernel
+def _find_harmless_owner(
+    node: int,
+    slab: int,
+    permitted: ContactLimit,
+    obstacle_speed: float,
+    course: PlannedCourse,
+    arm: ArmShape,
+) -> tuple[int, float]:
+    """The uppermost sphere that owns a leaf and is harmless from a slab on, and how fast it is.
+
+    NONE where the leaf itself is not known to be harmless.
+    """
+    owner, greatest = NONE, 0.0
+    while node >= 0:
+        speed = find_harmless_speed(node, slab, permitted, obstacle_speed, course, arm)
+        if speed == math.inf:
+            break
+        owner, greatest = node, speed
+        node = arm.tree.parent[node]
+    return owner, greatest
+
+
+@kernel
 def _find_contact(
     link: int,
     first: int,
@@ -133,15 +181,23 @@ def _find_contact(
     course: PlannedCourse,
     arm: ArmShape,
     body: Body,
-) -> tuple[int, int, int]:
+    permitted: ContactLimit,
+    obstacle_speed: float,
+    harmless_from: IntArray,
+) -> tuple[int, int, int, float]:
     """First slab before `limit` that is not proved free, the sphere that is not, and evaluations.
 
-    `limit` where all are.
+    `limit` where all are free, or harmless from the first slab on in which they are not. Last is
+    how fast those are at most, in [m]/[s].
     """
-    evaluated = 0
+    evaluated, greatest = 0, 0.0
+    root = arm.tree.root[link]
+    is_limited = permitted.max_speed > 0.0
     slab = first
-    # Invariant: the link is proved free in every slab from `first` up to `slab`.
+    # Invariant: in every slab from `first` up to `slab` the link is proved free, or harmless.
     while slab < limit:
+        if is_limited and slab >= harmless_from[root]:
+            break
         start = body.hull.bounds.age + max(course.start[slab] - offset, 0.0)
         if slab == first or slab % BLOCK == 0:
             # A ball around all that the link sweeps in the slabs of a block may prove them at once.
@@ -154,29 +210,49 @@ def _find_contact(
                 continue
         end = body.hull.bounds.age + (course.end[slab] - offset)
         # Else the slab by itself: down the tree, to the children of spheres that are not free.
-        node = arm.tree.root[link]
+        node = root
         while node >= 0:
+            if is_limited and slab >= harmless_from[node]:
+                node = arm.tree.skip[node]
+                continue
             evaluated += 1
             if _is_sphere_free(node, slab, course, arm, body, start, end):
                 node = arm.tree.skip[node]
             elif arm.tree.first_child[node] >= 0:
                 node = arm.tree.first_child[node]
+            elif is_limited:
+                owner, speed = _find_harmless_owner(
+                    node, slab, permitted, obstacle_speed, course, arm
+                )
+                if owner == NONE:
+                    return slab, node, evaluated, greatest
+                harmless_from[owner] = slab
+                greatest = max(greatest, speed)
+                node = arm.tree.skip[owner]
             else:
-                return slab, node, evaluated
+                return slab, node, evaluated, greatest
         slab += 1
-    return limit, NONE, evaluated
+    return limit, NONE, evaluated, greatest
 
 
 @kernel
 def find_planned_contact(
-    handle: Any, course: PlannedCourse, pairs: IntArray, now: float, margin: float
-) -> tuple[float, int, int, int]:
+    handle: Any,
+    course: PlannedCourse,
+    pairs: IntArray,
+    obstacle_speeds: FloatArray,
+    now: float,
+    margin: float,
+) -> tuple[float, int, int, int, float, int]:
     """Earliest possible contact of all pairs while the arm follows a course.
 
     Args:
         handle: On the `Surroundings` of the arm.
         course: Where the arm can be.
         pairs: Pair numbers, obstacle row × links + link; quickest in ascending order. Shape (m,).
+        obstacle_speeds: Of each pair, how fast something is at most that the link may press the
+            obstacle against, in [m]/[s]: contact is permitted only once the way left is no longer
+            than `max_way`. Negative where there is nothing but the arm's own links. Shape (m,).
         now: In [s] on the clock of the obstacles' stamps.
         margin: Distance that counts as contact already, in [m].
 
@@ -189,6 +265,8 @@ def find_planned_contact(
         handle.content.refused_bodies,
         handle.content.marks,
     )
+    limits, harmless_from = handle.content.limits, handle.content.harmless_from
+    permitted = strictest_limit(limits, 0)
     links = arm.tree.root.shape[0]
     slabs = course.start.shape[0]
     offset = now - course.epoch
@@ -197,7 +275,7 @@ def find_planned_contact(
     while first < slabs and not course.end[first] > offset:
         first += 1
     if not (first < slabs and offset >= 0.0):
-        return 0.0, NONE, NONE, 0
+        return 0.0, NONE, NONE, 0, 0.0, NONE
     left = course.end[slabs - 1] - offset
     limit = slabs
     evaluated = 0
@@ -205,33 +283,46 @@ def find_planned_contact(
     away = False
     deciding_pair = NONE
     deciding_sphere = NONE
-    # Invariant: the pairs before `index` are free in every slab before `limit`.
+    permitted_speed, permitted_pair = 0.0, NONE
+    # Invariant: the pairs before `index` are free, or harmless, in every slab before `limit`.
     for index in range(pairs.shape[0]):
         row, link = pairs[index] // links, pairs[index] % links
         if row != seen:
             # A new obstacle: is it known, and is it away from all that the arm sweeps?
             if not is_known(marks, row):
-                return 0.0, pairs[index], NONE, evaluated
+                return 0.0, pairs[index], NONE, evaluated, 0.0, NONE
             seen = row
+            stated = strictest_limit(limits, marks.regions[row])
+            permitted = ContactLimit(
+                stated.max_speed, stated.max_way, stated.gap + margin, stated.thickness
+            )
             away = True
             for number in possible_states(marks, row):
                 states, place, age = state_at(bodies, refused, marks, row, number, now)
                 body = _make_body(states, place, age, margin)
                 if not is_usable(body.hull, body.reach):
-                    return 0.0, pairs[index], NONE, evaluated
+                    return 0.0, pairs[index], NONE, evaluated, 0.0, NONE
                 away &= _is_ball_free(course.arm_ball, body, age, age + left)
             evaluated += 1
+            if permitted.max_speed > 0.0 and not away:
+                # Nothing is known yet to be harmless to this one.
+                harmless_from[:] = slabs
         if away:
             continue
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
             states, place, age = state_at(bodies, refused, marks, row, number, now)
             body = _make_body(states, place, age, margin)
-            slab, sphere, spent = _find_contact(link, first, limit, offset, course, arm, body)
+            slab, sphere, spent, speed = _find_contact(
+                link, first, limit, offset, course, arm, body, permitted, obstacle_speeds[index],
+                harmless_from,
+            )  # fmt: skip
             evaluated += spent
+            if speed > permitted_speed:
+                permitted_speed, permitted_pair = speed, pairs[index]
             if slab < limit:
                 limit, deciding_pair, deciding_sphere = slab, pairs[index], sphere
     if limit == slabs:
-        return math.inf, NONE, NONE, evaluated
-    begin = float(course.start[limit] - offset)
-    return max(begin, 0.0) * (1.0 - SUM_ROUNDING), deciding_pair, deciding_sphere, evaluated
+        return math.inf, NONE, NONE, evaluated, permitted_speed, permitted_pair
+    begin = max(float(course.start[limit] - offset), 0.0) * (1.0 - SUM_ROUNDING)
+    return begin, deciding_pair, deciding_sphere, evaluated, permitted_speed, permitted_pair

@@ -17,9 +17,17 @@ import pinocchio
 from armguard.bounds.checks import check_question
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import JointLimits, read_limits
-from armguard.bounds.planned.contact import PlannedContact, Surroundings, find_planned_contact
+from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
+from armguard.bounds.planned.clamps import place_parts
+from armguard.bounds.planned.contact import (
+    PlannedContact,
+    Surroundings,
+    find_planned_contact,
+    make_surroundings,
+)
 from armguard.bounds.planned.course import ArmShape, PlannedCourse, set_slab
 from armguard.bounds.planned.curve import evaluate_curve
+from armguard.bounds.planned.harmless import NO_SPEEDS, CourseSpeeds, sum_up_speeds
 from armguard.bounds.planned.placing import PlacedArm, check_chain, make_chain, place_all
 from armguard.bounds.planned.plan import CheckedPlan, is_plain, make_example
 from armguard.bounds.planned.slabs import Slabs, center, include, lay_left_piece, lay_piece
@@ -28,6 +36,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
+from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import Marks, States
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joints import is_prismatic
@@ -49,6 +58,7 @@ class PlannedMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         in_force: LimitsInForce | None = None,
+        gaps: LinkGaps | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -57,6 +67,7 @@ class PlannedMotion:
             base_placement: Placement of the robot's base in the world; None: they coincide.
             in_force: How joints stop under the payload in force, shared; None: the robot's brakes
                 under the heaviest payload.
+            gaps: How distances between links can vary; None: nothing is clamped between links.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
@@ -76,25 +87,37 @@ class PlannedMotion:
             carrier=np.array(spheres.joint),
             local=np.array(spheres.local),
             exact=np.zeros(len(turning)),
+            moves=self._kinematics.placement.moves,
+            gaps=make_no_gaps() if gaps is None else gaps,
         )
+        self._no_limits = make_no_limits()
         self._still = np.zeros(len(robot.joints))
         self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
         check_chain(self._placed_arm, self._kinematics)
         # All that these are handed is made here, or by kernels.
         times, boxes, plan = np.zeros((2, 1)), np.zeros((2, 1, len(turning))), make_example()
-        self._lay_piece = machine_code(lay_piece, plan, self._handle, True)
-        self._lay_left_piece = machine_code(lay_left_piece, plan, self._handle, 0.0)
-        self._include = machine_code(include, times, boxes, plan, 0.0)
+        self._lay_piece = machine_code(lay_piece, plan, self._handle, True, True)
+        self._lay_left_piece = machine_code(lay_left_piece, plan, self._handle, 0.0, True)
+        self._include = machine_code(include, times, boxes, boxes, plan, self._handle, 0.0)
         self._place_boxes = machine_code(_place_boxes, self._placed_arm, self._handle, boxes)
+        self._sum_up_speeds = machine_code(sum_up_speeds, times, *boxes, *boxes, np.int64(1))
+        self._place_parts = machine_code(_place_parts, self._placed_arm, np.zeros((1, 1, 3, 4)))
         self._surroundings: tuple[Surroundings | None, Any, Any] = None, None, None
 
-    def lay_out(self, plan: CheckedPlan, before: Sequence[CheckedPlan] = ()) -> PlannedCourse:
+    def lay_out(
+        self,
+        plan: CheckedPlan,
+        before: Sequence[CheckedPlan] = (),
+        *,
+        with_velocities: bool = False,
+    ) -> PlannedCourse:
         """Where the arm can be from when a piece was checked until it rests at the piece's end.
 
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins; without any, joints
                 are free within their limits until then.
+            with_velocities: Whether to lay out how fast it can be as well, for contact limits.
 
         Returns:
             Arrays of their own, good for any number of contact times.
@@ -103,10 +126,16 @@ class PlannedMotion:
             ArmguardError: A plan was not checked, or for a robot with other joints.
         """
         self._check(plan, before)
-        return self._place(plan, before, self._lay_piece(plan, self._handle, not before))
+        slabs = self._lay_piece(plan, self._handle, not before, with_velocities)
+        return self._place(plan, before, slabs)
 
     def lay_out_left(
-        self, plan: CheckedPlan, before: Sequence[CheckedPlan] = (), latency: float = 0.0
+        self,
+        plan: CheckedPlan,
+        before: Sequence[CheckedPlan] = (),
+        latency: float = 0.0,
+        *,
+        with_velocities: bool = False,
     ) -> PlannedCourse | None:
         """The same of a piece that joints may leave, each at any moment, to brake by themselves.
 
@@ -116,6 +145,7 @@ class PlannedMotion:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins.
             latency: Until the arm follows it at the latest, in [s].
+            with_velocities: As for `lay_out`.
 
         Returns:
             None where a joint may be faster than its brakes are stated for, and where the piece is
@@ -127,7 +157,7 @@ class PlannedMotion:
         self._check(plan, before)
         if plan.stamp > plan.now and not before:
             return None
-        slabs = self._lay_left_piece(plan, self._handle, float(latency))
+        slabs = self._lay_left_piece(plan, self._handle, float(latency), with_velocities)
         return self._place(plan, before, slabs) if slabs[0].size else None
 
     @property
@@ -153,12 +183,18 @@ class PlannedMotion:
         self, plan: CheckedPlan, before: Sequence[CheckedPlan], slabs: Slabs
     ) -> PlannedCourse:
         """Where the arm is in the middle of each slab, and the balls around all that it sweeps."""
-        times, boxes = slabs
+        times, boxes, speeds = slabs
         if plan.stamp > plan.now:
             for one in before:
-                self._include(times, boxes, one, plan.now - one.stamp)
+                self._include(times, boxes, speeds, one, self._handle, plan.now - one.stamp)
         placed = self._place_boxes(self._placed_arm, self._handle, boxes)
-        return PlannedCourse(float(plan.now), *times, *boxes, *placed)
+        summed = NO_SPEEDS
+        if speeds.shape[1] > 0:
+            spheres = len(self._arm.carrier)
+            parts = self._place_parts(self._placed_arm, placed[0])
+            sums = self._sum_up_speeds(times, *boxes, *speeds, spheres)
+            summed = pack(CourseSpeeds._make((*sums, parts)))
+        return PlannedCourse._make((float(plan.now), *times, *boxes, *placed, summed))
 
     def contact_time(
         self,
@@ -169,10 +205,13 @@ class PlannedMotion:
         bodies: States,
         refused_bodies: States,
         marks: Marks,
+        limits: RegionLimits | None = None,
+        obstacle_speeds: float | FloatArray = -1.0,
     ) -> PlannedContact:
         """Earliest possible contact on a course; inf if there is none before the arm rests.
 
-        Contact of a resting arm does not count: that is the obstacle's doing.
+        Contact of a resting arm does not count: that is the obstacle's doing. Nor does one that
+        contact limits permit, on a course with velocities.
 
         Args:
             course: Of a plan that the arm follows, or would.
@@ -183,22 +222,32 @@ class PlannedMotion:
             bodies: Accepted states, by row.
             refused_bodies: Refused samples beside them, which may be true as well.
             marks: Which of those there are; where there is neither, the answer is 0.
+            limits: What contact is permitted, by region; None: none.
+            obstacle_speeds: Of each pair, how fast something is at most that the link may press
+                the obstacle against, in [m]/[s]: contact is permitted only once the way left is
+                short enough as well. Negative where there is nothing but the arm's own links.
+                Shape (m,) or ().
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
         # What is compiled for whole numbers would cut off all others that come later.
         now, margin = float(now), float(margin)
+        limits = self._no_limits if limits is None else limits
+        speeds = np.empty(len(pairs))
+        speeds[:] = obstacle_speeds
         around, handle, find_contact = self._surroundings
         if around is None or not (
             around.bodies is bodies
             and around.refused_bodies is refused_bodies
             and around.marks is marks
+            and around.limits is limits
         ):
             # Of a monitor these are the same arrays in every tick, but for a table that has grown.
-            around = Surroundings(self._arm, bodies, refused_bodies, marks)
+            around = make_surroundings(self._arm, bodies, refused_bodies, marks, limits)
             handle = pack(around)
-            find_contact = machine_code(find_planned_contact, handle, course, pairs, now, margin)
+            given = handle, course, pairs, speeds, now, margin
+            find_contact = machine_code(find_planned_contact, *given)
             self._surroundings = around, handle, find_contact
-        return PlannedContact(*find_contact(handle, course, pairs, now, margin))
+        return PlannedContact(*find_contact(handle, course, pairs, speeds, now, margin))
 
     def advance(
         self,
@@ -249,6 +298,12 @@ class PlannedMotion:
             moved = displacement_in_box(tuple(along), *given)
             largest = max(largest, float(along @ [x, y, z]) - origin + moved)
         return largest
+
+
+@kernel
+def _place_parts(handle: Any, placement: FloatArray) -> FloatArray:
+    """`place_parts` on the handle of a `PlacedArm`."""
+    return place_parts(handle.content.arm, placement)
 
 
 @kernel

@@ -4,6 +4,11 @@
 curve, give or take their deviation. Until it begins they are on the pieces that the arm may be
 following, or free within their limits where there is none. If the arm may leave it, each joint is
 on it until a time of its own, at any moment, and brakes by itself from then on.
+
+Where contact limits are stated there are boxes of velocities as well. On a piece a velocity is that
+of its curve, within what the controller states, or else within what any joint keeps that can stay
+within its deviation to the end: joint states are tested for that (`following`). While a joint
+brakes, its velocity lies between 0 and what it was when it left.
 """
 
 from __future__ import annotations
@@ -12,14 +17,20 @@ import math
 
 import numpy as np
 
-from armguard.bounds.displacement import brake, fill_displacements, operating_velocity
+from armguard.bounds.displacement import (
+    brake,
+    braked_velocity,
+    fill_displacements,
+    fill_velocities,
+    operating_velocity,
+)
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.planned.curve import curve_range, evaluate_curve
 from armguard.bounds.planned.following import fill_deviation_speed
 from armguard.bounds.planned.plan import CheckedPlan
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
-from armguard.jit.numerics import SUM_ROUNDING
+from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
 from armguard.robot.brakes import find_stop, rest_time
 from armguard.robot.wrap_angle import nearest_turn
 
@@ -31,9 +42,10 @@ MOST_LEAVING_SLABS = 24
 BRAKING_SLABS = 24
 
 
-Slabs = tuple[FloatArray, FloatArray]
-"""When slabs start and end, in [s] from when the piece was checked, (2, slabs), and least and
-greatest joint positions within each, in [rad] or [m], (2, slabs, nv)."""
+Slabs = tuple[FloatArray, FloatArray, FloatArray]
+"""When slabs start and end, in [s] from when the piece was checked, (2, slabs); least and greatest
+joint positions within each, in [rad] or [m], (2, slabs, nv); and least and greatest velocities, in
+[rad]/[s] or [m]/[s], alike, or without slabs where nobody asks for them."""
 
 
 @kernel
@@ -48,10 +60,12 @@ def _divide(begin: float, end: float, count: int) -> FloatArray:
 
 
 @kernel
-def _make_slabs(lead: float, nodes: FloatArray, joints: int) -> tuple[int, FloatArray, FloatArray]:
+def _make_slabs(
+    lead: float, nodes: FloatArray, joints: int, with_velocities: bool
+) -> tuple[int, FloatArray, FloatArray, FloatArray]:
     """Slabs until a lead is over and between nodes, which count from then on; still empty.
 
-    Returns how many come before the nodes, times and boxes.
+    Returns how many come before the nodes, times, and boxes of positions and of velocities.
     """
     waiting = WAITING_SLABS if lead > 0.0 else 0
     count = waiting + nodes.shape[0] - 1
@@ -66,11 +80,18 @@ def _make_slabs(lead: float, nodes: FloatArray, joints: int) -> tuple[int, Float
             times[1, k] = begin + nodes[k - waiting + 1]
         for j in range(joints):
             boxes[0, k, j], boxes[1, k, j] = math.inf, -math.inf
-    return waiting, times, boxes
+    timed = count if with_velocities else 0
+    speeds = np.empty((2, timed, joints))
+    for k in range(timed):
+        for j in range(joints):
+            speeds[0, k, j], speeds[1, k, j] = math.inf, -math.inf
+    return waiting, times, boxes, speeds
 
 
 @kernel
-def lay_piece(plan: CheckedPlan, limits: JointLimits, is_free: bool) -> Slabs:
+def lay_piece(
+    plan: CheckedPlan, limits: JointLimits, is_free: bool, with_velocities: bool
+) -> Slabs:
     """All slabs of a piece with its own stop, from when it was checked until the arm rests.
 
     Args:
@@ -78,21 +99,32 @@ def lay_piece(plan: CheckedPlan, limits: JointLimits, is_free: bool) -> Slabs:
         limits: Of the robot, or a handle on them.
         is_free: Whether joints are free until the piece begins; else those slabs are left empty,
             for `include`.
+        with_velocities: Whether to lay out velocities as well.
     """
     joints = plan.deviation.shape[0]
     lead = plan.stamp - plan.now
     begin, last = max(-lead, 0.0), plan.times[-1]
     count = min(max(math.ceil((last - begin) / SLAB), 1), MOST_CURVE_SLABS)
     along = np.append(_divide(begin, last, count), last + _find_settling(plan, limits))
-    waiting, times, boxes = _make_slabs(lead, along - begin, joints)
+    waiting, times, boxes, speeds = _make_slabs(lead, along - begin, joints, with_velocities)
     low, high = boxes[0], boxes[1]
     if is_free and waiting > 0:
         age = plan.now - plan.measured_stamp
         until = _divide(0.0, lead, waiting)
         _spread(plan.measured_q, plan.measured_v, age, limits, until, low, high)
+        if with_velocities:
+            fill_velocities(
+                plan.measured_q, plan.measured_v, age, math.inf, limits, until[1:], speeds[1],
+                speeds[0],
+            )  # fmt: skip
     for k in range(count + 1):
         _follow(plan, along[k], along[k + 1], low[waiting + k], high[waiting + k])
-    return times, boxes
+    if with_velocities:
+        off, top = _find_following_speeds(plan, limits)
+        for k in range(count + 1):
+            slowest, fastest = speeds[0, waiting + k], speeds[1, waiting + k]
+            _follow_speeds(plan, off, top, along[k], along[k + 1], slowest, fastest)
+    return times, boxes, speeds
 
 
 @kernel
@@ -107,18 +139,78 @@ def _follow(
 
 
 @kernel
-def include(times: FloatArray, boxes: FloatArray, plan: CheckedPlan, begun: float) -> None:
-    """Widen the slabs of an arm that waits by where it is on a plan that began so long before."""
+def _find_following_speeds(plan: CheckedPlan, limits: JointLimits) -> tuple[FloatArray, FloatArray]:
+    """How fast joints that follow a plan can be off it, and at all; (nv,) each."""
+    off, top = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
+    # Whenever it is, they can stay within their deviation from then on.
+    fill_deviation_speed(plan.deviation, plan.acceleration, plan.velocity_deviation, math.inf, off)
+    # What the rounding of stamps does to where on the plan they are.
+    late = TERM_ROUNDING * (abs(plan.now) + abs(plan.stamp) + plan.times[-1])
+    for j in range(off.shape[0]):
+        off[j] += late * plan.acceleration[j]
+        top[j] = _find_top_speed(plan, limits, j)
+    return off, top
+
+
+@kernel
+def _find_top_speed(plan: CheckedPlan, limits: JointLimits, j: int) -> float:
+    """How fast a joint that follows a plan, or may leave it, can be at all."""
+    return max(limits.operating_velocity[j], abs(plan.measured_v[j]), plan.top_speed[j])
+
+
+@kernel
+def _follow_speeds(
+    plan: CheckedPlan,
+    off: FloatArray,
+    top: FloatArray,
+    first: float,
+    last: float,
+    slowest: FloatArray,
+    fastest: FloatArray,
+) -> None:
+    """Fill how fast joints are that follow a plan, between two times on it. Shape (nv,) each.
+
+    They are off its velocities by no more than `off`, and no faster than `top`.
+    """
+    curve_range(plan.times, plan.q, plan.v, first, last, 1, slowest, fastest)
+    for j in range(off.shape[0]):
+        slowest[j] = max(slowest[j] - off[j], -top[j])
+        fastest[j] = min(fastest[j] + off[j], top[j])
+
+
+@kernel
+def include(
+    times: FloatArray,
+    boxes: FloatArray,
+    speeds: FloatArray,
+    plan: CheckedPlan,
+    limits: JointLimits,
+    begun: float,
+) -> None:
+    """Widen the slabs of an arm that waits by where it is on a plan that began so long before.
+
+    And by how fast it is there, where there are velocities.
+    """
     low, high = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
     for k in range(WAITING_SLABS):
         _follow(plan, times[0, k] + begun, times[1, k] + begun, low, high)
         for j in range(low.shape[0]):
             boxes[0, k, j] = min(boxes[0, k, j], low[j])
             boxes[1, k, j] = max(boxes[1, k, j], high[j])
+    if speeds.shape[1] == 0:
+        return
+    off, top = _find_following_speeds(plan, limits)
+    for k in range(WAITING_SLABS):
+        _follow_speeds(plan, off, top, times[0, k] + begun, times[1, k] + begun, low, high)
+        for j in range(low.shape[0]):
+            speeds[0, k, j] = min(speeds[0, k, j], low[j])
+            speeds[1, k, j] = max(speeds[1, k, j], high[j])
 
 
 @kernel
-def lay_left_piece(plan: CheckedPlan, limits: JointLimits, latency: float) -> Slabs:
+def lay_left_piece(
+    plan: CheckedPlan, limits: JointLimits, latency: float, with_velocities: bool
+) -> Slabs:
     """The slabs of joints that leave a plan, each by itself and at any moment, and brake.
 
     An arm that leaves one of the pieces before, while it waits for this one to begin, is not in
@@ -129,6 +221,7 @@ def lay_left_piece(plan: CheckedPlan, limits: JointLimits, latency: float) -> Sl
         limits: Of the robot, or a handle on them.
         latency: Until the arm follows it at the latest, in [s]: how fast joints can be off it
             follows from how long they have been near it.
+        with_velocities: Whether to lay out velocities as well.
 
     Returns:
         No slabs where a joint may be faster than its brakes are stated for.
@@ -153,11 +246,11 @@ def lay_left_piece(plan: CheckedPlan, limits: JointLimits, latency: float) -> Sl
     rest = 0.0
     top = np.empty(joints)
     for j in range(joints):
-        top[j] = max(limits.operating_velocity[j], abs(plan.measured_v[j]), plan.top_speed[j])
+        top[j] = _find_top_speed(plan, limits, j)
         for k in range(leaving):
             pace = min(max(-slowest[k, j], fastest[k, j]), top[j])
             if not pace <= limits.brakes.speed[j, -1]:
-                return np.empty((2, 0)), np.empty((2, 0, joints))
+                return np.empty((2, 0)), np.empty((2, 0, joints)), np.empty((2, 0, joints))
             lasting = rest_time(find_stop(limits.brakes, j, pace), pace)
             rest = max(rest, (nodes[k + 1] + lasting) * (1.0 + SUM_ROUNDING))
     # Where they can be at all, from where they were measured.
@@ -177,11 +270,14 @@ def lay_left_piece(plan: CheckedPlan, limits: JointLimits, latency: float) -> Sl
                 low_on[k, j], high_on[k, j] = low, high
     braking = latest_bite + _divide(0.0, max(rest - latest_bite, 1e-6), BRAKING_SLABS)
     nodes = np.concatenate((nodes[:-1], braking))
-    waiting, times, boxes = _make_slabs(lead, nodes, joints)
+    waiting, times, boxes, speeds = _make_slabs(lead, nodes, joints, with_velocities)
     left = boxes[:, waiting:]
     left[0, :leaving], left[1, :leaving] = low_on, high_on
     _brake_all(nodes, left[0], left[1], slowest, fastest, top, limits)
-    return times, boxes
+    if with_velocities:
+        left = speeds[:, waiting:]
+        _brake_speeds(nodes, left[0], left[1], slowest, fastest, top, limits)
+    return times, boxes, speeds
 
 
 @kernel
@@ -220,6 +316,38 @@ def _brake_all(
             # One that stops at a limit gets no further, however fast it was.
             high[k, j] = max(high[k, j], limits.lower[j] + limits.position_error[j])
             low[k, j] = min(low[k, j], limits.upper[j] - limits.position_error[j])
+
+
+@kernel
+def _brake_speeds(
+    nodes: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    slowest: FloatArray,
+    fastest: FloatArray,
+    top: FloatArray,
+    limits: JointLimits,
+) -> None:
+    """Fill velocities between nodes, (slabs, nv), of joints that leave a plan at any moment.
+
+    The other arguments are those of `_brake_all`.
+    """
+    for j in range(top.shape[0]):
+        for k in range(low.shape[0]):
+            # A joint that has come to rest, or rests for the rest of the slab.
+            low[k, j] = high[k, j] = 0.0
+        for i in range(slowest.shape[0]):
+            up, down = min(fastest[i, j], top[j]), min(-slowest[i, j], top[j])
+            up_stop = find_stop(limits.brakes, j, up)
+            down_stop = find_stop(limits.brakes, j, down)
+            for k in range(i, low.shape[0]):
+                # It is fastest if it left last and now is first.
+                shortest = max(nodes[k] - nodes[i + 1], 0.0) * (1.0 - SUM_ROUNDING)
+                high[k, j] = max(high[k, j], braked_velocity(up, up_stop, shortest))
+                low[k, j] = min(low[k, j], -braked_velocity(down, down_stop, shortest))
+        for k in range(low.shape[0]):
+            low[k, j] -= SUM_ROUNDING * top[j]
+            high[k, j] += SUM_ROUNDING * top[j]
 
 
 @kernel

@@ -1,11 +1,13 @@
 import inspect
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec import UNSET
 
+from armguard import ContactLimit
 from armguard.app.cell import Cell
 from armguard.exceptions import ArmguardError, CellError
 from armguard.people import BOUNDS
@@ -67,6 +69,7 @@ def test_every_setting_of_the_monitor_has_a_key():
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"ignore", "base_placement", "certify", "separation", "operating", "payload"}
+    others.add("contact_limits")
     assert keys == set(Settings.__struct_fields__) - others
 
 
@@ -287,6 +290,91 @@ def test_ids_have_the_bounds_of_their_first_pattern():
     text = text.replace("12.0", "1200.0")
     with pytest.raises(CellError, match=r"cell: bounds.*speed: is 1200\.0; expected at most 100"):
         Cell.from_text(text).make_obstacles()
+
+
+HAND = """
+[contact_limits.hand]
+ids = ["*_hand"]
+speed = 0.9
+source = "assumed"
+person_speed = 0.5
+gap = 0.05
+[contact_limits.forearm]
+ids = ["*_arm", "left_*"]
+force = 160
+stiffness = 40000
+body_mass = 2
+source = "a paper"
+"""
+
+
+def test_contact_limits_and_the_regions_of_ids_are_as_the_file_has_them():
+    _, obstacles, monitor = Cell.from_text(ROBOT + HAND).build()
+    limits = monitor.settings.contact_limits.by_region
+    assert set(limits) == {"hand", "forearm"}
+    assert limits["hand"] == ContactLimit(speed=0.9, source="assumed", person_speed=0.5, gap=0.05)
+    assert limits["forearm"].max_way == pytest.approx(0.004)
+    regions = {"*_hand": "hand", "*_arm": "forearm", "left_*": "forearm"}
+    assert obstacles.settings.regions == regions
+    _, obstacles, monitor = Cell.from_text(ROBOT).build()
+    assert monitor.settings.contact_limits is None
+    assert obstacles.settings.regions == {}
+
+
+def test_the_example_of_the_page_is_one():
+    page = (EXAMPLE.parents[1] / "docs" / "contact_limits.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    _, _, monitor = Cell.from_text(ROBOT + example).build()
+    limits = monitor.settings.contact_limits.by_region
+    assert set(limits) == {"hand", "forearm"}
+    assert all(limit.source.startswith("example only") for limit in limits.values())
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (
+            "[contact_limits.hand]\nspeed = 0.9",
+            "^cell: contact_limits.hand.source: is ''; expected",
+        ),
+        (
+            '[contact_limits.hand]\nspeed = -1\nsource = "a"',
+            "^cell: contact_limits.hand.speed: is -1; expected a finite number from 0 on",
+        ),
+        (
+            '[contact_limits.hand]\nspeed = inf\nsource = "a"',
+            "^cell: contact_limits.hand.speed: is inf; expected a finite number",
+        ),
+        (
+            '[contact_limits.hand]\nenergy = 0.5\nsource = "a"',
+            "^cell: contact_limits.hand.body_mass: is missing beside energy",
+        ),
+        (
+            '[contact_limits.paw]\nspeed = 0.9\nsource = "a"',
+            "^cell: contact_limits: names the region 'paw'; expected one of head",
+        ),
+        (
+            '[contact_limits.head]\nspeed = 0.1\nsource = "a"',
+            "^cell: contact_limits.head: permits contact at 0.1 m/s; expected 0",
+        ),
+        (
+            '[contact_limits.hand]\nspeed = 0.1\nsource = "a"\nmass = 3',
+            "^cell: contact_limits.hand.mass: is no key",
+        ),
+        (
+            HAND + '[contact_limits.chest]\nids = ["*_arm"]\nspeed = 0.1\nsource = "a"',
+            "^cell: contact_limits.chest.ids: has .*, as contact_limits.forearm.ids",
+        ),
+        (
+            HAND + '[monitor]\nmotion = "isotropic"',
+            "^cell: contact_limits: are given beside motion=.isotropic.; expected",
+        ),
+    ],
+)
+def test_contact_limits_that_make_no_sense_are_one_line(table, message):
+    with pytest.raises(CellError, match=message) as found:
+        Cell.from_text(f"{ROBOT}\n{table}").build()
+    assert "\n" not in str(found.value)
 
 
 def separation_of(table):

@@ -3,10 +3,13 @@ import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
 from armguard.bounds.joint_box import make_box
-from armguard.bounds.planned.contact import NONE, Surroundings, find_planned_contact
+from armguard.bounds.link_gaps import make_no_gaps
+from armguard.bounds.planned.contact import NONE, find_planned_contact, make_surroundings
 from armguard.bounds.planned.course import ArmShape
+from armguard.bounds.planned.harmless import NO_SPEEDS
 from armguard.jit.handle import pack
 from armguard.obstacles import Obstacles
+from armguard.obstacles.regions import make_no_limits
 from armguard.robot.kinematics import SphereTree
 from support.example_arms import load_holding
 from support.plan_cases import all_pairs, place_course
@@ -58,14 +61,14 @@ def make_slide(along, center, radius, half):
     arm = ArmShape(
         SphereTree(*(frozen([value]) for value in (0, -1, -1, -1, radius))),
         np.ones((1, 1)), make_box(np.array([False]), np.zeros(1)), np.zeros(1, dtype=np.int64),
-        np.zeros((1, 3)), np.zeros(1),
+        np.zeros((1, 3)), np.zeros(1), np.ones((1, 1), dtype=bool), make_no_gaps(),
     )  # fmt: skip
     jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
     ball = np.append(center, radius + half)
     course = PlannedCourse(
         NOW, np.zeros(1), np.ones(1), np.zeros((1, 1)), np.full((1, 1), half),
         np.column_stack([np.eye(3), center])[None, None],
-        jacobian, ball.reshape(1, 1, 4).copy(), ball,
+        jacobian, ball.reshape(1, 1, 4).copy(), ball, NO_SPEEDS,
     )  # fmt: skip
     return arm, course
 
@@ -93,10 +96,11 @@ def test_what_a_sphere_is_off_and_all_errors_count_in_full(share):
                     radius=parts["body"], position_error=parts["error"], accel=0.0, speed=0.0,
                 )  # fmt: skip
                 table = rest.table
-                around = Surroundings(arm, table.accepted, table.refused_states, table.marks)
-                time, *_ = find_planned_contact(
-                    pack(around), course, all_pairs(rest, 1), NOW, parts["margin"]
+                around = make_surroundings(
+                    arm, table.accepted, table.refused_states, table.marks, make_no_limits()
                 )
+                given = course, all_pairs(rest, 1), np.zeros(1, bool), NOW, parts["margin"]
+                time, *_ = find_planned_contact(pack(around), *given)
                 assert time == (np.inf if factor > 1.0 else 0.0)
 
 
@@ -106,7 +110,7 @@ def random_place(random, least=0.3, most=1.5):
 
 
 def test_nobody_and_the_far_are_free(arm):
-    assert ask(arm, crowd([])) == (np.inf, NONE, NONE, 0)
+    assert ask(arm, crowd([])) == (np.inf, NONE, NONE, 0, 0.0, NONE)
     found = ask(arm, crowd([[5.0, 0.0, 0.0], [0.0, 0.0, 9.0]]))
     assert found[:3] == (np.inf, NONE, NONE)
     assert found.evaluated > 0
