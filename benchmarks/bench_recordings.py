@@ -35,8 +35,9 @@ from scene.contestants import NOT_OBEYED, Scope, make_rules
 from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
+from scene.results import Found
 from scene.stop_rules import Rule, Setting
-from scene.usefulness import Found, write_page
+from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
 
 BOUNDS = {"10 m/s², 2 m/s": (10.0, 2.0), "by body part": None}
