@@ -77,7 +77,7 @@ def set_joints(sphere: ArmSphere, moves: BoolArray, box: JointBox) -> int:
 
 
 @merged_kernel
-def _speed_in_box(
+def speed_in_box(
     radius: float,
     count: int,
     slowest: FloatArray,
@@ -170,17 +170,17 @@ def _speed_in_box(
 def speed_from(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
     """Bound on the speed of a sphere's points from a node of a braking table on until it rests.
 
-    Arguments as for `_speed_in_box`; the node is not the last.
+    Arguments as for `speed_in_box`; the node is not the last.
     """
     set_span(table, node, table.time.shape[0] - 1, 1.0)
-    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
+    return speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @merged_kernel
 def speed_until(radius: float, count: int, table: JointTable, node: int, enough: float) -> float:
     """Bound on their speed up to a node of a table of an arm that is free to move."""
     set_span(table, 0, node, 1.0)
-    return _speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
+    return speed_in_box(radius, count, table.slowest[node], table.fastest[node], table.box, enough)
 
 
 @kernel
@@ -206,7 +206,7 @@ def way_from(radius: float, count: int, table: JointTable, node: int) -> float:
         forth[j], back[j] = up, -down
         turn += table.box.joints[j, 8] * whole
     set_span(table, node, last, 1.0)
-    way = _speed_in_box(0.0, count, back, forth, table.box, math.inf)
+    way = speed_in_box(0.0, count, back, forth, table.box, math.inf)
     return way + radius * turn * (1.0 + SUM_ROUNDING)
 
 

@@ -62,12 +62,3 @@ POSITION_BY_SPEED = 2
 VELOCITY_BY_ACCEL = 3
 VELOCITY_BY_SPEED = 4
 SHAPE = 5
-
-MEANING = {
-    POSITION_BY_ACCEL: "moved farther than its acceleration allows",
-    POSITION_BY_SPEED: "moved farther than its speed allows",
-    VELOCITY_BY_ACCEL: "changed its velocity by more than its acceleration allows",
-    VELOCITY_BY_SPEED: "is faster than its speed bound",
-    SHAPE: "changed its shape",
-}
-"""What each code says of a body or a joint, to follow its name."""

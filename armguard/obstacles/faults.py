@@ -69,13 +69,11 @@ class FaultQueue:
     Attributes:
         waiting: Those that were not taken yet, oldest first.
         count: All faults so far.
-        dropped: How many of them were not kept, because the queue was full.
     """
 
     def __init__(self) -> None:
         self.count = 0
-        self.dropped = 0
-        self._dropped_before = 0
+        self._dropped = 0
         self.waiting: list[Fault] = []
 
     def leave(
@@ -90,7 +88,7 @@ class FaultQueue:
         """Adds a fault. If the queue is full, one that stops the arm takes a lesser one's place."""
         self.count += 1
         if len(self.waiting) >= CAPACITY:
-            self.dropped += 1
+            self._dropped += 1
             lesser = (i for i, one in enumerate(self.waiting) if one.kind not in _STOPPING)
             place = next(lesser, None) if kind in _STOPPING else None
             if place is None:
@@ -104,8 +102,8 @@ class FaultQueue:
         return taken
 
     def take_dropped(self) -> int:
-        """How many faults were dropped since the last call."""
-        dropped, self._dropped_before = self.dropped - self._dropped_before, self.dropped
+        """How many faults were not kept since the last call, because the queue was full."""
+        dropped, self._dropped = self._dropped, 0
         return dropped
 
 

@@ -320,11 +320,6 @@ class ObstacleRegister:
         """Faults since construction, taken or not."""
         return self._faults.count
 
-    @property
-    def dropped_faults(self) -> int:
-        """Faults that were dropped, because too many came between two steps."""
-        return self._faults.dropped
-
     def is_entrance(self, row: int) -> bool:
         """Whether bodies that nobody has reported may come out of a row at any moment."""
         table = self.table

@@ -97,20 +97,6 @@ class TickState:
         self._accepted: States | None = None
         self.view_table()
 
-    def begin(self, now: float, arm_age: float, refinement_threshold: float) -> None:
-        """Start a tick, after kinematics and bounds were computed for it.
-
-        Args:
-            now: Time of this tick on the obstacles' clock, in [s].
-            arm_age: Age of the joint state, in [s]; negative where it is newer than `now`.
-            refinement_threshold: Nodes that could be touched before this, in [s], are refined.
-        """
-        self.now = now
-        self.arm_age = arm_age
-        self.refinement_threshold = refinement_threshold
-        self.sphere_time.fill(np.inf)
-        self.view_table()
-
     def prepare_arm(self, q: FloatArray, v: FloatArray) -> None:
         """Fill what evaluations need of the arm, whose joints were placed; each of shape (nv,)."""
         _prepare_arm(self.handle, q, v, self.arm_age)

@@ -26,8 +26,7 @@ from armguard.scheduling.tournament import (
 UNSEEN, UNPLACED = -3, -2
 """In place of a row, where nothing was evaluated yet, or the arm must be placed first."""
 
-ACTIVE, MOVED, PREPARED, STALE, EVALUATED_ROWS = range(5)
-SPENT, BROKEN, UNSAFE, READ_AHEAD = range(5, 9)
+ACTIVE, MOVED, PREPARED, EVALUATED_ROWS, SPENT, BROKEN, UNSAFE, READ_AHEAD = range(8)
 """Places in `Certificates.numbers`."""
 
 
@@ -132,10 +131,9 @@ class Certificates(NamedTuple):
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
     """Rows that are watched; the ticks for which the arm's spheres were last moved, and all its
-    bounds prepared; how many rows were evaluated later than they were due, and of late,
-    evaluated rows and evaluations spent on them; how many of `broken` are in use; the last tick in
-    which the stop decision found a pair unsafe; and what reading ahead came to, which is of no use.
-    Shape (9,)."""
+    bounds prepared; of late, evaluated rows and evaluations spent on them; how many of `broken` are
+    in use; the last tick in which the stop decision found a pair unsafe; and what reading ahead
+    came to, which is of no use. Shape (8,)."""
 
 
 def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
@@ -153,7 +151,7 @@ def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
         **_make_rows(0, links, permits_contact=permits_contact),
         proofs=_make_proofs(0, 1),
         broken=np.zeros(0, dtype=np.int64),
-        numbers=np.array([0, -1, -1, 0, 0, 0, 0, -9, 0]),
+        numbers=np.array([0, -1, -1, 0, 0, 0, -9, 0]),
     )
 
 

@@ -73,7 +73,6 @@ from armguard.scheduling.certificates import (
     PROVED,
     READ_AHEAD,
     SPENT,
-    STALE,
     UNPLACED,
     UNSAFE,
     UNSEEN,
@@ -555,8 +554,6 @@ def _evaluate_due(
     for place in range(wheel.numbers[WAITING]):
         deadline = wheel.deadline[wheel.heap[place]]
         passed = not deadline > time if decides else deadline < time
-        if decides or not passed:
-            certificates.numbers[STALE] += 1
         if passed and not certain:
             late += 1
     # Watched rows that are neither in the wheel nor waiting would never fall due.

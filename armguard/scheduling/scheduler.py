@@ -33,7 +33,6 @@ from armguard.scheduling.certificates import (
     MOVED,
     PREPARED,
     SPENT,
-    STALE,
     UNPLACED,
     UNSEEN,
     Certificates,
@@ -244,11 +243,6 @@ class Scheduler:
     def _find_limits(self, settings: Settings) -> tuple[float, int]:
         """How stale answers may look, and evaluations beyond which a tick of a STOP ends."""
         return settings.max_staleness, CROWD
-
-    @property
-    def stale_evaluations(self) -> int:
-        """How many evaluations so far came later than they were due."""
-        return int(self.certificates.numbers[STALE])
 
     @property
     def waiting(self) -> int:

@@ -11,6 +11,7 @@ from armguard.bounds.planned import contact, curve, following, slabs, stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
+from armguard.obstacles.regions import make_never
 from armguard.robot import Robot
 from armguard.verdict import Effect, Level, ReasonKind
 from support.example_arms import load_holding
@@ -32,6 +33,7 @@ from support.plan_hunt import PlanHunt
 DURATION = 0.6
 TIMES = np.linspace(0.0, DURATION, 61)
 ERROR, SPEED_ERROR = 2e-3, 0.02
+HEAD, HAND = 1, 11
 TURN = 0.2
 """How far the first joint turns on the way, in [rad]."""
 
@@ -1186,3 +1188,40 @@ def test_the_pieces_that_the_arm_may_be_on_are_there_to_be_looked_at_until_a_res
     assert (reason.kind, reason.subject) == (ReasonKind.PLAN_REFUSED, "arm")
     verdicts = [monitor.step(float(TIMES[k]), plan.q[k], plan.v[k]) for k in range(3, len(TIMES))]
     assert min(verdict.level for verdict in verdicts) is Level.STOP
+
+
+class HandLimit:
+    """Contact with hands alone is permitted, up to a speed in [m]/[s]; none can be clamped."""
+
+    def __init__(self, speed):
+        self._speed = speed
+
+    def tabulate(self):
+        limits = make_never()
+        limits.max_speed[HAND], limits.max_way[HAND] = self._speed, math.inf
+        return tuple(limits)
+
+    def describe(self, regions):
+        return f"hand {self._speed} m/s, {regions}"
+
+
+@pytest.mark.parametrize("leave", ["never", "any"])
+def test_a_slow_piece_is_safe_beside_a_hand_where_contact_is_permitted(leave):
+    plan = make_plan()
+    for limits, region, is_safe in (
+        (None, HAND, False),
+        (HandLimit(0.9), HAND, True),
+        (HandLimit(0.9), HEAD, False),
+        (HandLimit(0.05), HAND, False),
+        (HandLimit(0.0), HAND, False),
+    ):
+        obstacles, monitor = make_monitor(
+            motion="planned", leave=leave, reaction_time=0.02, contact_limits=limits
+        )
+        put_post(obstacles, 0.5 * TURN, distance=0.54)
+        obstacles.table.marks.regions[:] = 2**region
+        monitor.step(0.0, HOME, STILL)
+        answer = monitor.commit(plan)
+        assert answer.safe == is_safe, (limits, region)
+        if not is_safe:
+            assert kinds(answer) == [ReasonKind.PLAN_UNSAFE]

@@ -63,7 +63,7 @@ def test_faults_are_bounded_and_counted():
         see(obstacles, float(i), x=math.nan)
     assert len(obstacles.take_faults()) == CAPACITY
     assert obstacles.fault_count == 300
-    assert obstacles.dropped_faults == 300 - CAPACITY
+    assert obstacles.take_dropped_faults() == 300 - CAPACITY
     assert obstacles.take_faults() == []
 
 

@@ -29,6 +29,7 @@ from armguard.pairs.hull_distance import HullDistance
 from armguard.pairs.scene import ISOTROPIC, JOINT, REACH
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
+from support.tick_states import begin_tick
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres
@@ -106,7 +107,7 @@ class World:
         self.rows = [self.obstacles.row(name) for name in names]
         self.motion = ArmMotion(robot, 0.02)
         self.state = TickState(KINEMATICS, self.motion, self.obstacles, margin=MARGIN)
-        self.state.begin(NOW, self.arm_age, math.inf)
+        begin_tick(self.state, NOW, self.arm_age, math.inf)
         KINEMATICS.place(self.q)
         self.state.prepare_arm(self.q, self.v)
         self.motion.braking.tabulate(self.q, self.v, self.arm_age, HORIZON)
@@ -303,7 +304,7 @@ def test_while_two_tracks_are_possible_the_sooner_one_counts():
             world.obstacles.update([names[2]], stamp + 1e-3, place[1:], still, **told)
             first, second, either = (world.obstacles.row(name) for name in names)
             assert world.obstacles.table.refused[either]
-            world.state.begin(NOW, world.arm_age, math.inf)
+            begin_tick(world.state, NOW, world.arm_age, math.inf)
             handle = world.state.handle
             reach = [ask_reach(handle, row, NOW)[0] for row in (first, second, either)]
             assert reach[2] == min(reach[:2])
@@ -325,7 +326,7 @@ def test_obstacles_of_unknown_whereabouts():
     world.obstacles.distrust(other)
     world.obstacles.update(["lost"], NOW, [[math.inf, 0.0, 0.0]], radius=0.05)
     lost = world.obstacles.row("lost")
-    world.state.begin(NOW, 0.0, math.inf)
+    begin_tick(world.state, NOW, 0.0, math.inf)
     for unknown in (row, lost):
         assert not ask_known(world.state.handle, unknown)
         assert ask_reach(world.state.handle, unknown, NOW)[0] == 0.0

@@ -15,6 +15,7 @@ from armguard.pairs.evaluate import TickState, evaluate
 from armguard.pairs.scene import ISOTROPIC, REACH
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
+from support.tick_states import begin_tick
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres
@@ -61,7 +62,7 @@ def look(state, rows, now, arm_age=0.0, refinement_threshold=math.inf):
     pairs = np.concatenate([np.arange(LINKS) + row * LINKS for row in rows])
     times, nodes = np.full(len(pairs), -1.0), np.full(len(pairs), -1)
     bounds = np.full(len(pairs), -1, dtype=np.int8)
-    state.begin(now, arm_age, refinement_threshold)
+    begin_tick(state, now, arm_age, refinement_threshold)
     spent = evaluate(state, pairs, times, nodes, bounds)
     return *(answer.reshape(len(rows), LINKS) for answer in (times, nodes, bounds)), spent
 
@@ -298,7 +299,7 @@ def test_evaluations_of_many_pairs_are_those_of_each(with_joints):
         report(obstacles, "lost", random_body(rng, 1, 0.0) | {"points": np.full((1, 3), np.nan)})
     )
     state = make_state(ArmMotion(panda(), 0.02, with_joints=with_joints), obstacles)
-    state.begin(0.01, 0.0, 0.5)
+    begin_tick(state, 0.01, 0.0, 0.5)
     KINEMATICS.place(np.zeros(7))
     state.prepare_arm(np.zeros(7), np.zeros(7))
     pairs = rng.permutation(np.concatenate([np.arange(LINKS) + row * LINKS for row in rows]))

@@ -7,6 +7,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs.evaluate import TickState
 from armguard.robot import Kinematics
 from support.panda_monitor import HOME, panda
+from support.tick_states import begin_tick
 
 KINEMATICS = Kinematics(panda())
 SPHERES = KINEMATICS.spheres
@@ -22,7 +23,7 @@ def test_the_arm_is_prepared_as_its_models_say(with_joints, age):
     state = TickState(KINEMATICS, motion, Obstacles(), margin=0.0)
     for name in TABLE:
         getattr(motion.table, name)[...] = 7.0
-    state.begin(0.0, age, 0.0)
+    begin_tick(state, 0.0, age, 0.0)
     KINEMATICS.place(HOME)
     state.prepare_arm(HOME, v)
     other = Kinematics(robot)

@@ -20,6 +20,7 @@ from armguard.pairs.separation import distance_covered, separation_of
 from armguard.pairs.separation_margin import SeparationMargin
 from armguard.robot import Kinematics, Robot
 from armguard.robot.kinematics import SphereTree
+from support.tick_states import begin_tick
 
 PANDA = Robot.load("panda")
 KINEMATICS = Kinematics(PANDA)
@@ -236,7 +237,7 @@ def test_a_ticks_state_gives_the_same():
     motion = ArmMotion(PANDA, 0.02)
     motion.isotropic.velocity_errors.error[:] = MOTION.velocity_error
     state = TickState(KINEMATICS, motion, obstacles, margin=0.0)
-    state.begin(0.02, 0.001, 0.0)
+    begin_tick(state, 0.02, 0.001, 0.0)
     margin = SeparationMargin(SeparationRule(), RESPONSE_TIME)
     margin.compile(state)
     expected = margin_of(scene_of(*whole_arm(), obstacles, 0.02, 0.001))

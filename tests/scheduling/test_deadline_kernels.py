@@ -23,6 +23,7 @@ from armguard.scheduling.timing_wheel import NOBODY, take_out
 from armguard.scheduling.tournament import entries_of, set_value
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
+from support.tick_states import begin_tick
 
 HORIZON = PERIOD + 0.002 + 0.02
 
@@ -47,7 +48,7 @@ def test_a_fresh_look_finds_what_a_look_at_every_pair_finds():
         verdict = monitor.step(PERIOD, HOME, v)
         scheduler = monitor._scheduler
         state, certificates = scheduler.arm.state, scheduler.certificates
-        state.begin(PERIOD, 0.0, verdict.stop_time + 10.0)
+        begin_tick(state, PERIOD, 0.0, verdict.stop_time + 10.0)
         state.prepare_arm(HOME, v)
         pairs = np.arange(40 * links)
         times, nodes = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=np.int64)
@@ -102,7 +103,7 @@ def test_certificates_hold_until_the_next_look():
         found = entries_of(certificates.expiry_tree)[:60] - certificates.evaluated_at[:60]
         age = time - certificates.evaluated_at[:60]
         assert (age <= np.maximum(max_staleness * found, PERIOD) + PERIOD).all()
-    assert monitor._scheduler.stale_evaluations == 0
+        assert monitor._scheduler.waiting == 0
 
 
 def test_time_to_spare_is_time_in_which_nothing_matters():

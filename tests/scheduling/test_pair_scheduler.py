@@ -17,13 +17,14 @@ from support.panda_monitor import (
     see,
     steps,
 )
+from support.tick_states import begin_tick
 
 
 def all_times(monitor, obstacles, now, arm_age=0.0):
     """Contact time of every pair, by a look of our own at the monitor's tick."""
     arm = monitor._scheduler.arm
     state = TickState(arm.kinematics, arm.motion, obstacles, margin=0.0)
-    state.begin(now, arm_age, monitor._last[0].refinement_threshold)
+    begin_tick(state, now, arm_age, monitor._last[0].refinement_threshold)
     links = len(panda().links)
     rows = np.flatnonzero(obstacles.table.alive)
     pairs = (rows[:, None] * links + np.arange(links)).ravel()

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.joint_box import set_columns
 from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, find_center
-from armguard.bounds.surface_speed import speed_in_box
+from armguard.bounds.surface_speed import set_joints, speed_in_box
+from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
@@ -124,32 +124,41 @@ def _find_frame(block: int, slabs: int) -> int:
 
 
 @kernel
+def _set_frame(
+    node: int, frame: int, half: FloatArray, course: PlannedCourse, arm: ArmShape
+) -> int:
+    """Fill `arm.box` for a sphere while joints are so near to the middle of a slab, (nv,).
+
+    Returns what `set_joints` does.
+    """
+    x, y, z = find_center(arm, course.placement[frame], node)
+    span = arm.box.span
+    for j in range(half.shape[0]):
+        span[0, j], span[1, j], span[2, j] = half[j], -half[j], half[j]
+    sphere = ArmSphere(x, y, z, course.jacobian[frame], arm.lever[node], arm.exact)
+    return set_joints(sphere, arm.moves[arm.carrier[node]], arm.box)
+
+
+@kernel
 def _bound_speed(
     node: int,
     frame: int,
     half: FloatArray,
     slowest: FloatArray,
     fastest: FloatArray,
+    enough: float,
     course: PlannedCourse,
     arm: ArmShape,
 ) -> float:
-    """Bound on the speed of a sphere's points while joints are that near to the frame of a slab.
+    """Bound on the speed of a sphere while joints are so near to the middle of a slab, in [m]/[s].
 
-    The arrays have the shape (nv,). With ways in place of velocities it is one on the way.
+    The arrays have the shape (nv,). A bound above `enough` may be returned as inf.
     """
-    x, y, z = find_center(arm, course.placement[frame], node)
-    if not set_columns(x, y, z, course.jacobian[frame], arm.box):
+    count = _set_frame(node, frame, half, course, arm)
+    if count < 0:
         return math.inf
-    total = 0.0
-    for j in range(half.shape[0]):
-        arm.box.span[2, j] = half[j]
-        total += max(fastest[j], -slowest[j])
-    speed: float = speed_in_box(
-        arm.tree.radius[node], arm.lever[node], arm.moves[arm.carrier[node]], slowest, fastest,
-        arm.box,
-    )  # fmt: skip
-    # Columns are of a point whose place was rounded.
-    return speed + SUM_ROUNDING * (abs(x) + abs(y) + abs(z)) * total
+    speed: float = speed_in_box(arm.tree.radius[node], count, slowest, fastest, arm.box, enough)
+    return speed
 
 
 @kernel
@@ -164,7 +173,7 @@ def _bound_from_block(
     frame = _find_frame(block, course.start.shape[0])
     speed = _bound_speed(
         node, frame, speeds.block_half[block], speeds.block_slowest[block],
-        speeds.block_fastest[block], course, arm,
+        speeds.block_fastest[block], math.inf, course, arm,
     )  # fmt: skip
     # Written so that what is no number is no bound.
     if not speed <= later:
@@ -174,12 +183,13 @@ def _bound_from_block(
 
 
 @kernel
-def _bound_slab(node: int, slab: int, course: PlannedCourse, arm: ArmShape) -> float:
-    """Bound on the speed of a sphere in one slab."""
+def _bound_slab(node: int, slab: int, enough: float, course: PlannedCourse, arm: ArmShape) -> float:
+    """Bound on the speed of a sphere in one slab, in [m]/[s]; inf where it is above `enough`."""
     speeds = course.speeds.content
     speed: float = _bound_speed(
-        node, slab, course.half[slab], speeds.slowest[slab], speeds.fastest[slab], course, arm
-    )
+        node, slab, course.half[slab], speeds.slowest[slab], speeds.fastest[slab], enough, course,
+        arm,
+    )  # fmt: skip
     return speed
 
 
@@ -210,10 +220,10 @@ def find_speed_from(
     if slow == block:
         return speed
     # One that is too fast is so at once, as a rule.
-    if not _bound_slab(node, slab, course, arm) <= most:
+    if not _bound_slab(node, slab, most, course, arm) <= most:
         return math.inf
     for k in range(min(slow * BLOCK, slabs) - 1, slab - 1, -1):
-        faster = _bound_slab(node, k, course, arm)
+        faster = _bound_slab(node, k, most, course, arm)
         if not faster <= most:
             return math.inf
         speed = max(speed, faster)
@@ -224,11 +234,16 @@ def find_speed_from(
 def find_way_from(node: int, slab: int, course: PlannedCourse, arm: ArmShape) -> float:
     """Bound on how far any point of a sphere can go from a slab on until the arm rests, in [m]."""
     speeds = course.speeds.content
-    way: float = _bound_speed(
-        node, course.start.shape[0] - 1, speeds.away[slab], speeds.back[slab], speeds.forth[slab],
-        course, arm,
-    )  # fmt: skip
-    return way
+    count = _set_frame(node, course.start.shape[0] - 1, speeds.away[slab], course, arm)
+    if count < 0:
+        return math.inf
+    forth, back = speeds.forth[slab], speeds.back[slab]
+    turn = 0.0
+    for j in range(count):
+        turn += arm.box.joints[j, 8] * max(forth[j], -back[j])
+    way: float = speed_in_box(0.0, count, back, forth, arm.box, math.inf)
+    # Turns about different axes do not add up like vectors.
+    return way + arm.tree.radius[node] * turn * (1.0 + SUM_ROUNDING)
 
 
 @kernel
