@@ -86,7 +86,7 @@ def _reach(lever: FloatArray, node: int, table: JointTable) -> float:
 
 
 @kernel
-def _is_obstacle_near(
+def is_obstacle_near(
     center: FloatArray,
     reach: float,
     bodies: States,
@@ -162,7 +162,7 @@ def find_near_obstacles(
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
-        is_near, _ = _is_obstacle_near(
+        is_near, _ = is_obstacle_near(
             centers[node], reach, references, marks, other, now, table.time[last]
         )
         if is_near:
@@ -240,7 +240,7 @@ def find_clamp(
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
-        is_near, speed = _is_obstacle_near(
+        is_near, speed = is_obstacle_near(
             centers[node], reach, references, marks, room.near[k], now, table.time[last]
         )
         if is_near:
