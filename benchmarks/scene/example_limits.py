@@ -12,7 +12,7 @@ from armguard.settings.contact_limits import ContactLimit, ContactLimits
 
 SOURCE = "an example: figures quoted for ISO/TS 15066"
 
-_FIGURES = {
+FIGURES = {
     "hand": (140.0, 75e3, 0.6),
     "forearm": (160.0, 40e3, 2.0),
     "upper_arm": (150.0, 30e3, 3.0),
@@ -37,7 +37,7 @@ LIMITS = ContactLimits(
             force=force, transient_force=2.0 * force, stiffness=stiffness, body_mass=mass,
             source=SOURCE,
         )
-        for region, (force, stiffness, mass) in _FIGURES.items()
+        for region, (force, stiffness, mass) in FIGURES.items()
     }
 )  # fmt: skip
 """Of all regions but the head, which may never be touched."""

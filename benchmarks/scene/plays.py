@@ -200,7 +200,9 @@ class Stage:
         arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
-        log = None if rule.limits is None else TouchLog(rule.limits)
+        log = None
+        if people.yields or rule.limits is not None:
+            log = TouchLog(np.zeros(len(RADII)) if rule.limits is None else rule.limits)
         ticks = stopped = stops = missed = beyond = blocked = stopped_blocked = 0
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops
@@ -241,6 +243,7 @@ class Stage:
             brakes.run(moment.now + step * dt, dt, speed_limit)
             since = moment.since + (step + 1) * dt
             leaves.place(moment.arm.q, moment.arm.v)
+            people.advance(since, dt, leaves)
             frame = min(people.frame(since) + 1, len(people.ends) - 1)
             broken = stream.broke[frame] | people.is_filled[frame]
             log.follow(since, dt, leaves, people.ends_at(since), broken)
@@ -249,6 +252,7 @@ class Stage:
         self, people: People, arm: WorkingArm, rules: list[Rule], seconds: float
     ):
         begin, period = self._clock, self._period
+        people.reset()
         for rule in rules:
             rule.begin(people, begin)
         duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN)
