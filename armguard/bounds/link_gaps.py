@@ -66,8 +66,9 @@ def make_link_gaps(
     is_leaf = tree.first_child < 0
     for joint in np.flatnonzero(turning).tolist():
         pairs = (count == 1) & between[:, :, joint]
-        low = max(lower[joint], home[joint] - np.pi)
-        high = min(upper[joint], home[joint] + np.pi)
+        low, high = lower[joint], upper[joint]
+        if not high - low < 2.0 * np.pi:
+            low, high = -np.pi, np.pi
         varies = _find_variation(kinematics, home, joint, low, high)
         for c, leaves in enumerate(leaves_of):
             rows = np.flatnonzero(pairs[:, c] & is_leaf)

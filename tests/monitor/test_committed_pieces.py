@@ -6,7 +6,6 @@ import pinocchio
 import pytest
 from coal import Sphere
 
-from armguard import ContactLimit, ContactLimits
 from armguard.bounds import Plan, stop_on_path
 from armguard.bounds.planned import contact, curve, following, slabs, stop
 from armguard.exceptions import ArmguardError
