@@ -13,7 +13,9 @@ import pinocchio
 from armguard.bounds.braking import BrakingMotion
 from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
+from armguard.bounds.link_gaps import make_link_gaps, make_no_gaps
 from armguard.bounds.reach import ReachMotion
+from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 
@@ -40,6 +42,7 @@ class ArmMotion:
         braking: Joints that brake.
         planned: Joints that follow a plan; None where plans are not judged.
         with_joints: Whether the last two are to be used.
+        link_gaps: How distances between links can vary, where contact limits are stated.
         table: Joint displacements of the present tick, filled by compiled code.
         braking_table: The same for an arm that brakes; as `braking.tabulate` filled it last.
     """
@@ -67,11 +70,23 @@ class ArmMotion:
             operating=in_force,
             with_velocities=with_velocities,
         )
+        self.link_gaps = make_no_gaps()
+        if with_velocities:
+            limits = self.joint.limits
+            self.link_gaps = make_link_gaps(
+                Kinematics(robot, base_placement),
+                self.joint.lever,
+                self.joint.table.box.turning,
+                limits.lower,
+                limits.upper,
+            )
         self.planned: PlannedMotion | None = None
         if with_plans:
             from armguard.bounds.planned.motion import PlannedMotion
 
-            self.planned = PlannedMotion(robot, base_placement, in_force=in_force)
+            self.planned = PlannedMotion(
+                robot, base_placement, in_force=in_force, gaps=self.link_gaps
+            )
         self.with_joints = with_joints
         self.table = self.joint.table
         self.braking_table = self.braking.table

@@ -29,29 +29,33 @@ class LinkGaps(NamedTuple):
     """How much the distance of a sphere, or of any below it, from such a part can vary, in [m]; 0
     where it cannot, inf where more than one joint lies between them, or one that slides.
     Shape (n, c)."""
+    weight: FloatArray
+    """How far any point of the arm can be from the axis of each joint, in [m]; 1: it slides.
+    Shape (nv,)."""
 
 
 def make_no_gaps() -> LinkGaps:
     """Of an arm that may touch nobody."""
-    return LinkGaps(np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+    return LinkGaps(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros(0))
 
 
 def make_link_gaps(
     kinematics: Kinematics,
+    lever: FloatArray,
     turning: BoolArray,
     lower: FloatArray,
     upper: FloatArray,
-    home: FloatArray,
 ) -> LinkGaps:
     """How distances between the spheres of an arm can vary.
 
     Args:
         kinematics: Of the arm; placed anew.
+        lever: R_j of its spheres, in [m]. Shape (n, nv).
         turning: Which joints are revolute. Shape (nv,).
         lower: Least joint positions, in [rad] or [m]; -inf for a continuous joint. Shape (nv,).
         upper: Greatest joint positions, alike.
-        home: A joint position within these. Shape (nv,).
     """
+    home = np.clip(np.zeros(len(lower)), lower, upper)
     tree, placement = kinematics.spheres.tree, kinematics.placement
     parts = np.concatenate([_find_parts(tree, root) for root in tree.root.tolist()])
     moves = placement.moves[placement.joint]
@@ -62,8 +66,9 @@ def make_link_gaps(
     is_leaf = tree.first_child < 0
     for joint in np.flatnonzero(turning).tolist():
         pairs = (count == 1) & between[:, :, joint]
-        low = max(lower[joint], home[joint] - np.pi)
-        high = min(upper[joint], home[joint] + np.pi)
+        low, high = lower[joint], upper[joint]
+        if not high - low < 2.0 * np.pi:
+            low, high = -np.pi, np.pi
         varies = _find_variation(kinematics, home, joint, low, high)
         for c, leaves in enumerate(leaves_of):
             rows = np.flatnonzero(pairs[:, c] & is_leaf)
@@ -74,7 +79,8 @@ def make_link_gaps(
         parent = tree.parent[node]
         if parent >= 0:
             variation[parent] = np.maximum(variation[parent], variation[node])
-    return LinkGaps(parts, variation)
+    reach = lever + np.where(turning, tree.radius[:, None], 0.0) * moves
+    return LinkGaps(parts, variation, reach.max(axis=0))
 
 
 def _find_variation(

@@ -162,3 +162,21 @@ def nearest_on_hull(ox, oy, oz, points, velocities, count, carry):
         if size < 2:
             bx, by, bz = ax, ay, az
     return x, y, z
+
+
+@kernel
+def distance_to_hull(ox, oy, oz, points, velocities, count):
+    """Distance of a point from a hull of moving points where they are, at most; and the way there.
+
+    By the direction of the nearest point: what lies beyond a plane across it is no nearer than the
+    plane, so that the answer is never too much, however far the walk got.
+    """
+    x, y, z = nearest_on_hull(ox, oy, oz, points, velocities, count, 0.0)
+    size = math.sqrt(x * x + y * y + z * z)
+    if not size > 0.0:
+        return 0.0, x, y, z
+    least = math.inf
+    for k in range(count):
+        along = (points[k, 0] - ox) * x + (points[k, 1] - oy) * y + (points[k, 2] - oz) * z
+        least = min(least, along / size)
+    return max(least, 0.0), x, y, z

@@ -35,6 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.bounds.planned.check import PlanCheck
+from armguard.bounds.planned.contact import NONE
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import Following
@@ -42,9 +43,11 @@ from armguard.bounds.planned.motion import PlannedMotion
 from armguard.bounds.planned.plan import CheckedPlan, Plan, Refusal, read_plan
 from armguard.bounds.planned.stop import append_stop
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
+from armguard.pairs.course_clamps import NOTHING, find_obstacle_speeds
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import agrees, keep_known_state, make_known_states
@@ -60,8 +63,6 @@ USUAL_PIECES = 16
 """Pieces for which room is made from the start, so that few commits have to make some."""
 MOST_TRIED = 3
 """Pairs of pieces for which that is tried in a commit."""
-MAY_CLAMP = True
-"""Whether links may press an obstacle against something, as long as nobody says which may not."""
 
 
 class KnownObstacles:
@@ -151,6 +152,8 @@ class CommittedPieces:
 
     def __init__(self, robot: Robot, scheduler: Scheduler, settings: Settings) -> None:
         self.evaluated = 0
+        self._judged: tuple[int, float] = NONE, 0.0
+        self._permitted: dict[int, tuple[int, float]] = {}
         self._joints = robot.joints
         self._scheduler = scheduler
         self._check = PlanCheck(robot, self._planned_motion().brakes)
@@ -161,6 +164,7 @@ class CommittedPieces:
         # Whether joints may leave a piece at any moment, to brake by themselves.
         self._may_leave = settings.leave == "any"
         self._known = KnownObstacles(scheduler)
+        self._clamps: tuple[Any, Any] | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -171,6 +175,15 @@ class CommittedPieces:
     def plans(self) -> list[CheckedPlan]:
         """The pieces that the arm may be on, or may still take up."""
         return [*(piece.plan for piece in self._pieces), *self._open]
+
+    @property
+    def permitted(self) -> tuple[int, float]:
+        """The fastest contact that is possible on a kept piece, as is permitted.
+
+        Its pair, negative without one, and how fast its link is at most, in [m]/[s].
+        """
+        known = (self._permitted[piece.place] for piece in self._pieces)
+        return max(known, key=lambda one: one[1], default=(NONE, 0.0))
 
     def drop(self, subject: str, detail: str) -> Reason | None:
         """Let no piece count as proved where the ground of proofs is gone; None if none did."""
@@ -234,12 +247,16 @@ class CommittedPieces:
         contact = self._find_contact(course, tick)
         if contact is not None:
             return contact
+        permitted = self._judged
         kept = self._make_room(self._drop_covered(kept, now), tick)
         if len(kept) >= MOST_PIECES:
             detail = f"is the {MOST_PIECES + 1}th that the arm may be on: commit less often"
             return refuse_plan("plan", detail)
         self._pieces = kept
-        self._pieces = [*kept, Piece(checked, course, before, self._remember())]
+        place = self._remember()
+        # That of the newest one, whatever was judged since.
+        self._permitted[place] = permitted
+        self._pieces = [*kept, Piece(checked, course, before, place)]
         self._motion = self._planned_motion()
         self.is_proved = True
         return PlanVerdict(True, math.inf, None, None, ())
@@ -305,6 +322,7 @@ class CommittedPieces:
                 (reason,) = contact.reasons
                 return Reason(ReasonKind.PIECE_UNSAFE, reason.subject, reason.detail)
             self._known.keep(piece.place)
+            self._permitted[piece.place] = self._judged
         return None
 
     def compile(self, tick: Tick) -> None:
@@ -376,6 +394,7 @@ class CommittedPieces:
         course = self._lay_out(plan, before)
         if isinstance(course, Refusal) or self._find_contact(course, tick) is not None:
             return None
+        self._permitted[newer.place] = self._judged
         return Piece(plan, course, before, newer.place)
 
     def _can_follow(self, plan: CheckedPlan, tick: Tick, stamp: float) -> bool:
@@ -429,15 +448,20 @@ class CommittedPieces:
         of obstacles here, and news are judged by that.
         """
         scheduler = self._scheduler
+        self._judged = NONE, 0.0
         if _is_at_rest(course, tick.now):
             # It rests, and a resting arm touches nothing.
             return None
         (pairs,) = scheduler.watched_pairs().nonzero()
         state = scheduler.arm.state
+        speeds: float | FloatArray = NOTHING
+        if self._with_velocities:
+            speeds = self._find_obstacle_speeds(course, pairs, tick.now)
         found = self._planned_motion().contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks,
-            state.scene.contact_limits, MAY_CLAMP,
+            state.scene.contact_limits, speeds,
         )  # fmt: skip
+        self._judged = found.permitted_pair, found.permitted_speed
         self.evaluated += found.evaluated
         if found.time == math.inf:
             return None
@@ -445,6 +469,17 @@ class CommittedPieces:
         detail = f"contact time {found.time:.4g} s"
         reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
+
+    def _find_obstacle_speeds(
+        self, course: PlannedCourse, pairs: IntArray, now: float
+    ) -> FloatArray:
+        """How fast what each pair's obstacle could be pressed against is at most, in [m]/[s]."""
+        handle = self._scheduler.arm.state.handle
+        if self._clamps is None or self._clamps[0] is not handle.kind:
+            code = machine_code(find_obstacle_speeds, handle, course, pairs, now)
+            self._clamps = handle.kind, code
+        speeds: FloatArray = self._clamps[1](handle, course, pairs, now)
+        return speeds
 
     def _remember(self) -> int:
         """Keep what is known of obstacles now where nothing is kept for another piece."""

@@ -35,6 +35,7 @@ class ContactWatch:
         self._pair = NOBODY
         self._since = self._rests_at = 0.0
         self._rest: FloatArray | None = None
+        self._tick: Tick | None = None
         self._possible_from = math.inf
 
     @property
@@ -80,13 +81,20 @@ class ContactWatch:
             return []
         return [_describe_moved(robot, worst, float(off[worst]))]
 
-    def note_verdict(self, now: float, verdict: Verdict) -> None:
-        """Keep from when on contact is possible, by the verdict of a tick at a time in [s]."""
-        self._possible_from = now + verdict.contact_time
+    def note_verdict(self, tick: Tick, verdict: Verdict) -> None:
+        """Keep from when on contact is possible, by the verdict of a tick."""
+        self._tick = tick
+        self._possible_from = tick.now + verdict.contact_time
 
     def explains_jump(self, now: float) -> bool:
-        """Whether a joint that jumped by now may have been moved by a contact."""
-        return self.is_touching or now >= self._possible_from
+        """Whether a joint that jumped by now may have been moved by a contact that is permitted."""
+        if self.is_touching:
+            return True
+        if self._tick is None or not now >= self._possible_from:
+            return False
+        # The certificates of that tick: none was made since.
+        found = self._scheduler.find_permitted_contact(self._tick, now - self._tick.now)
+        return found.pair != NOBODY
 
 
 def _describe_moved(robot: Robot, joint: int, off: float) -> Reason:

@@ -164,13 +164,15 @@ class Judge:
         proved = None
         earned = rule.grade(harm_time, stop_time, rests=rests)
         permitted = None
-        if self._contact_limits is not None and earned is not STOP and not is_proved:
+        if self._contact_limits is not None and is_proved:
+            permitted = self._find_permitted_on_piece()
+        elif self._contact_limits is not None and earned is not STOP:
             within = stop_time if earned is not SLOW else max(stop_time, tick.late_stop_time)
             permitted = NO_CONTACT
             if not contact_time > within:
                 permitted = self._scheduler.find_permitted_contact(tick, within)
-                if permitted.pair != NOBODY and earned is CLEAR:
-                    earned = AWARE
+        if permitted is not None and permitted.pair != NOBODY and earned is CLEAR:
+            earned = AWARE
         may_slow = earned is SLOW and not (standing or rule.latched or rule.holds_stop(tick.now))
         if may_slow:
             proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
@@ -222,7 +224,9 @@ class Judge:
             reasons,
             complete=complete,
             harm_time=harm_time,
-            contact_speed=self._find_contact_speed(permitted, level),
+            contact_speed=self._find_contact_speed(
+                permitted if level is not STOP or is_proved else None
+            ),
             cause=cause,
         )
         if self._separation is not None:
@@ -260,7 +264,7 @@ class Judge:
             [] if latches else [reason],
             complete=False,
             harm_time=0.0,
-            contact_speed=self._find_contact_speed(None, level),
+            contact_speed=self._find_contact_speed(None),
         )
 
     def _make_verdict(
@@ -309,11 +313,19 @@ class Judge:
             ),
         )
 
-    def _find_contact_speed(self, permitted: PermittedContact | None, level: Level) -> float | None:
+    def _find_permitted_on_piece(self) -> PermittedContact:
+        """The contact that is permitted and possible on pieces that the arm may be on."""
+        assert self.pieces is not None, "asked where there are pieces alone"
+        pair, speed = self.pieces.permitted
+        if pair < 0:
+            return NO_CONTACT
+        return PermittedContact(pair, speed, self._scheduler.find_speed_limit(pair))
+
+    def _find_contact_speed(self, permitted: PermittedContact | None) -> float | None:
         """The verdict's bound on the speed of a contact, in [m/s]."""
         if self._contact_limits is None:
             return None
-        return math.inf if level is STOP or permitted is None else permitted.speed
+        return math.inf if permitted is None else permitted.speed
 
     def _tell_permitted(self, permitted: PermittedContact) -> Reason:
         """Which contact the level rests on that is permitted, up to which speed, and by whom."""

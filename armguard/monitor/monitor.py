@@ -643,7 +643,7 @@ class Monitor:
             # Last, since nothing rests on them.
             verdict = verdict._replace(reasons=(*verdict.reasons, *notes))
         if contact is not None:
-            contact.note_verdict(now, verdict)
+            contact.note_verdict(tick, verdict)
         self._reasons = reasons
         # Beside another reason to stop, or on a piece, more than the brakes would decide.
         self._stopped_by_braking = (

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
-from armguard.bounds.link_gaps import LinkGaps, make_link_gaps, make_no_gaps
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.regions import RegionLimits, make_no_limits
@@ -69,27 +68,18 @@ class WatchedArm:
             in_force=in_force,
             with_velocities=settings.contact_limits is not None,
         )
-        limits, gaps = make_no_limits(), make_no_gaps()
+        limits = make_no_limits()
         if settings.contact_limits is not None:
             limits = RegionLimits(*settings.contact_limits.tabulate())
-            gaps = self._find_link_gaps()
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
             margin=settings.margin,
             contact_limits=limits,
-            link_gaps=gaps,
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))
-
-    def _find_link_gaps(self) -> LinkGaps:
-        """How distances between links can vary."""
-        limits = self.motion.joint.limits
-        home = np.clip(np.zeros(len(limits.lower)), limits.lower, limits.upper)
-        turning = self.motion.joint.table.box.turning
-        return make_link_gaps(self.kinematics, turning, limits.lower, limits.upper, home)
 
     @functools.cached_property
     def hull_distance(self) -> HullDistance:

@@ -28,7 +28,7 @@ from armguard.bounds.joint_table import JointTable, set_span
 from armguard.bounds.link_gaps import LinkGaps
 from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
-from armguard.contact.gjk import nearest_on_hull
+from armguard.contact.gjk import distance_to_hull
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
@@ -78,15 +78,15 @@ def is_same_person(marks: Marks, row: int, other: int) -> bool:
 
 @kernel
 def _reach(lever: FloatArray, node: int, table: JointTable) -> float:
-    """How far the centre of a sphere can get in the table's span, in [m]."""
+    """How far from its measured place a sphere's centre can get in the table's span, in [m]."""
     reach = 0.0
     for j in range(lever.shape[1]):
-        reach += lever[node, j] * table.box.span[2, j]
+        reach += lever[node, j] * (table.box.span[2, j] + table.box.position_error[j])
     return reach * (1.0 + SUM_ROUNDING)
 
 
 @kernel
-def _is_obstacle_near(
+def is_obstacle_near(
     center: FloatArray,
     reach: float,
     bodies: States,
@@ -101,10 +101,9 @@ def _is_obstacle_near(
     if not known:
         return True, np.inf
     age = 0.0 if marks.static[other] else now - bodies.stamp[other]
-    x, y, z = nearest_on_hull(
-        center[0], center[1], center[2], bodies.points[other], bodies.velocities[other], count, 0.0
+    distance, _, _, _ = distance_to_hull(
+        center[0], center[1], center[2], bodies.points[other], bodies.velocities[other], count
     )
-    distance = np.sqrt(x * x + y * y + z * z)
     moved = fastest = 0.0
     for k in range(count):
         velocity = bodies.velocities[other, k]
@@ -162,7 +161,7 @@ def find_near_obstacles(
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
-        is_near, _ = _is_obstacle_near(
+        is_near, _ = is_obstacle_near(
             centers[node], reach, references, marks, other, now, table.time[last]
         )
         if is_near:
@@ -240,7 +239,7 @@ def find_clamp(
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
-        is_near, speed = _is_obstacle_near(
+        is_near, speed = is_obstacle_near(
             centers[node], reach, references, marks, room.near[k], now, table.time[last]
         )
         if is_near:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.bounds.arm import ArmMotion
-from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
@@ -39,7 +38,6 @@ class TickState:
         obstacles: Whose table is read.
         margin: Distance in [m] that counts as contact already.
         contact_limits: What contact is permitted; None: none.
-        link_gaps: How distances between links can vary; needed with limits.
 
     Attributes:
         scene: Everything as compiled code sees it.
@@ -60,7 +58,6 @@ class TickState:
         *,
         margin: float,
         contact_limits: RegionLimits | None = None,
-        link_gaps: LinkGaps | None = None,
     ) -> None:
         self.now = 0.0
         self.arm_age = 0.0
@@ -83,7 +80,6 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._link_gaps = make_no_gaps() if link_gaps is None else link_gaps
         self._clamp_room = make_room(motion.joint.lever.shape[1])
         self._kinematics = kinematics
         count = len(self.tree.radius)
@@ -122,7 +118,7 @@ class TickState:
             self.refused_bodies,
             self.marks,
             self._contact_limits,
-            self._link_gaps,
+            motion.link_gaps,
             self._clamp_room,
             table.reference_states,
             self._settings,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from armguard.contact.gjk import nearest_on_hull
+from armguard.contact.gjk import distance_to_hull
 from armguard.jit.kernels import kernel
 from armguard.obstacles.possible_states import possible_states, state_at
 from armguard.obstacles.table import States
@@ -24,16 +24,16 @@ NO_LINK = -1
 def _meets(scene: Scene, node: int, bodies: States, place: int) -> tuple[bool, bool]:
     """Whether a sphere meets a body as it was measured, and whether it surely recedes from it."""
     center = scene.arm.centers[node]
-    x, y, z = nearest_on_hull(
+    distance, x, y, z = distance_to_hull(
         center[0], center[1], center[2], bodies.points[place], bodies.velocities[place],
-        bodies.point_count[place], 0.0,
+        bodies.point_count[place],
     )  # fmt: skip
-    distance = math.sqrt(x * x + y * y + z * z)
     if distance > contact_distance(scene, node, bodies, place):
         return False, False
     velocity = scene.arm.velocities[node]
     closing = velocity[0] * x + velocity[1] * y + velocity[2] * z
-    return True, closing + scene.arm.velocity_error[node] * distance < 0.0
+    size = math.sqrt(x * x + y * y + z * z)
+    return True, closing + scene.arm.velocity_error[node] * size < 0.0
 
 
 @kernel

@@ -193,6 +193,9 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
             certificates.broken[broken] = row
             broken += 1
         invalidate(certificates, row)
+        if certificates.permits_contact:
+            # It says where the obstacle can be, until it is evaluated, no more than it says when.
+            certificates.reference_states.point_count[row] = 0
     certificates.numbers[BROKEN] = broken
     if overtaken > 0:
         withdraw_permissions(certificates)
@@ -775,7 +778,8 @@ def find_unsafe(
                 return first_row, first_link_of_row, evaluations, left
             # It is asked again by itself, by a table of this tick alone: on to the others.
             break
-        if rests:
+        # The table of something else says nothing of an arm that is told to stop.
+        if rests and lasting >= 0.0:
             proofs.speed[place], proofs.link[place] = permitted, permitted_link
             proofs.asked_at[place] = time
         if rests and lasting > 0.0 and not scene.marks.refused[row]:

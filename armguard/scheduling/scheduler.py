@@ -21,6 +21,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.regions import strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
@@ -544,6 +545,12 @@ class Scheduler:
         self._place(tick.number, tick.q)
         row, link = self._find_touch(self._tick_data, _moment_of(tick), self._candidates)
         return NOBODY if row == NOBODY else row * self._links + link
+
+    def find_speed_limit(self, pair: int) -> float:
+        """How fast a surface may be that touches the obstacle of a pair, in [m/s]."""
+        scene = self.arm.state.scene
+        regions = int(scene.marks.regions[pair // self._links])
+        return float(strictest_limit(scene.contact_limits, regions).max_speed)
 
     def find_permitted_contact(self, tick: Tick, within: float) -> PermittedContact:
         """The contact that is permitted and possible within a time, in [s], nearest its limit.

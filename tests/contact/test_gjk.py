@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armguard.contact.gjk import nearest_on_hull
+from armguard.contact.gjk import distance_to_hull, nearest_on_hull
 
 
 def nearest(origin, points, velocities=None, carry=0.0):
@@ -57,3 +57,17 @@ def test_corners_are_carried_along_their_velocities():
     points += 5.0
     carried = nearest((0.0, 0.0, 0.0), points, velocities, 0.3)
     assert carried == pytest.approx(nearest((0.0, 0.0, 0.0), points + 0.3 * velocities))
+
+
+@pytest.mark.parametrize("count", range(1, 9))
+def test_a_distance_is_never_too_much_and_nearly_enough(count):
+    random = np.random.default_rng(count)
+    still = np.zeros((8, 3))
+    for _ in range(60):
+        origin, corners = random.normal(size=3), np.zeros((8, 3))
+        corners[:count] = random.normal(size=(count, 3)) + random.normal(size=3) * 2.0
+        found = distance_to_hull(*origin, corners, still, count)[0]
+        distance = search(corners[:count] - origin)
+        assert 0.0 <= found <= distance * (1.0 + 1e-9) + 1e-12
+        if distance > 1e-2:
+            assert found == pytest.approx(np.linalg.norm(nearest(origin, corners[:count])))

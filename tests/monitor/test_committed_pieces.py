@@ -11,8 +11,8 @@ from armguard.bounds.planned import contact, curve, following, slabs, stop
 from armguard.exceptions import ArmguardError
 from armguard.monitor import Monitor, PlanVerdict, committed_pieces
 from armguard.obstacles import Obstacles, table
-from armguard.obstacles.regions import make_never
 from armguard.robot import Robot
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.verdict import Effect, Level, ReasonKind
 from support.example_arms import load_holding
 from support.panda_monitor import (
@@ -1190,38 +1190,30 @@ def test_the_pieces_that_the_arm_may_be_on_are_there_to_be_looked_at_until_a_res
     assert min(verdict.level for verdict in verdicts) is Level.STOP
 
 
-class HandLimit:
-    """Contact with hands alone is permitted, up to a speed in [m]/[s]; none can be clamped."""
-
-    def __init__(self, speed):
-        self._speed = speed
-
-    def tabulate(self):
-        limits = make_never()
-        limits.max_speed[HAND], limits.max_way[HAND] = self._speed, math.inf
-        return tuple(limits)
-
-    def describe(self, regions):
-        return f"hand {self._speed} m/s, {regions}"
+def permit_hands(speed):
+    """Limits by which a hand may be touched at so many [m]/[s], and pressed for 1 m."""
+    if speed == 0.0:
+        return ContactLimits({"hand": ContactLimit(speed=0.0, source="test")})
+    given = {"force": 100.0, "stiffness": 100.0, "body_mass": 100.0 / speed**2}
+    return ContactLimits({"hand": ContactLimit(source="test", **given)})
 
 
 @pytest.mark.parametrize("leave", ["never", "any"])
 def test_a_slow_piece_is_safe_beside_a_hand_where_contact_is_permitted(leave):
-    plan = make_plan()
     for limits, region, is_safe in (
         (None, HAND, False),
-        (HandLimit(0.9), HAND, True),
-        (HandLimit(0.9), HEAD, False),
-        (HandLimit(0.05), HAND, False),
-        (HandLimit(0.0), HAND, False),
+        (permit_hands(0.9), HAND, True),
+        (permit_hands(0.9), HEAD, False),
+        (permit_hands(0.05), HAND, False),
+        (permit_hands(0.0), HAND, False),
     ):
         obstacles, monitor = make_monitor(
             motion="planned", leave=leave, reaction_time=0.02, contact_limits=limits
         )
-        put_post(obstacles, 0.5 * TURN, distance=0.54)
+        put_post(obstacles, 0.4, distance=0.42)
         obstacles.table.marks.regions[:] = 2**region
         monitor.step(0.0, HOME, STILL)
-        answer = monitor.commit(plan)
+        answer = monitor.commit(make_plan())
         assert answer.safe == is_safe, (limits, region)
         if not is_safe:
-            assert kinds(answer) == [ReasonKind.PLAN_UNSAFE]
+            assert kinds(answer) == {ReasonKind.PLAN_UNSAFE}

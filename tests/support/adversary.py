@@ -11,15 +11,22 @@ next is tried out, of every ball against points of the true surface of the arm:
 - after any verdict: the arm goes on, and is touched before the contact time that it was given.
 
 Either would be a miss, and so would a contact with an arm that is not at rest.
+
+Some balls may be touched, up to a limit. Then a contact is a miss if a point of the leaf that
+touches is truly faster than the limit at that moment, or at any later one before the arm rests; or,
+where another ball comes within a gap of the leaf, if a point goes farther than the limit permits.
+What limits permit is counted, so that there is something to be missed.
 """
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.scheduling.timing_wheel import SLOTS
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.verdict import Level
 from support import attackers, true_arm
 from support.adversary_score import Score
@@ -39,6 +46,36 @@ HORIZON = 0.4  # for which a contact time is tried, in [s]
 NAMES = itertools.count()
 
 
+class Permission(NamedTuple):
+    """A limit that a hunt's monitor is told of a region, and what is true of it."""
+
+    region: str
+    told: ContactLimit
+    limit: float
+    """How fast a surface may truly be, in [m/s]."""
+    way: float
+    """How far one may truly go on that clamps it, in [m]."""
+
+
+def permit(region, speed, way, gap=0.0, *, truth=1.0):
+    """A permission; of a speed in [m/s] and a way in [m], `truth` times as much is permitted.
+
+    No part is so thin that it could be clamped between links that share a joint.
+    """
+    stiffness = 1000.0
+    force = stiffness * way
+    told = ContactLimit(
+        force=force, stiffness=stiffness, body_mass=force * way / speed**2, source="hunt",
+        gap=gap, thickness=10.0,
+    )  # fmt: skip
+    return Permission(region, told, truth * speed, truth * way)
+
+
+def _draw_name():
+    """Of a ball that is a part of no other ball's person."""
+    return f"{next(NAMES)}/ball"
+
+
 class Hunt:
     """One robot, one monitor, and balls.
 
@@ -52,6 +89,9 @@ class Hunt:
         close: Whether attacks begin right beside the arm, which is slow, and whose brakes bite at
             once: others are stopped long before anything is within 50 ms of contact.
         vague: Share of messages whose errors are larger than those of the others, by up to `VAGUE`.
+        permissions: Limits of contact; each ball has one of them, or none.
+        gap: How near another ball truly clamps what is touched, in [m]; 0: none does.
+        static: Share of the balls that attack, and stand still.
         settings: Of the monitor.
     """
 
@@ -66,6 +106,9 @@ class Hunt:
         true_reaction=None,
         close=False,
         vague=0.0,
+        permissions=(),
+        gap=0.0,
+        static=0.1,
         **settings,
     ):
         self.settings = {"rate": 1000.0, "latency": 0.002, "reaction_time": 0.02, "rise_delay": 0.0}
@@ -73,6 +116,10 @@ class Hunt:
         if close:
             self.settings |= {"latency": 0.0, "reaction_time": 0.002}
         self.settings |= settings
+        self.permissions, self.true_gap, self.static = tuple(permissions), gap, static
+        if permissions:
+            told = ContactLimits({one.region: one.told for one in permissions})
+            self.settings["contact_limits"] = told
         self.random = np.random.default_rng(seed)
         self.robot, self.count, self.hunting, self.close = robot, count, hunting, close
         self.vague = vague
@@ -82,6 +129,11 @@ class Hunt:
         self.before = self.room[2].copy()
         self.care = np.zeros(len(robot.joints), np.int64)
         self.traced = true_arm.make_trace(self.arm, SAMPLES)
+        self.rates = np.zeros((SAMPLES, len(robot.joints)))
+        self.harm = attackers.Harm(
+            *np.zeros((2, SAMPLES, len(self.arm.joint))),
+            *np.zeros((2, SAMPLES, len(self.arm.joint)), np.int64),
+        )
         self.soon = true_arm.make_trace(self.arm, len(NEAR))
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
@@ -127,8 +179,12 @@ class Hunt:
         accel[random.random(n) < 0.05] = 60.0
         radius = random.uniform(0.02, 0.15, n)
         self.balls = Balls(
-            states, accel, speed, radius, mode, self._directions(n), random.integers(1, 200, n)
-        )
+            states, accel, speed, radius, mode, self._directions(n), random.integers(1, 200, n),
+            np.zeros(n), np.zeros(n),
+        )  # fmt: skip
+        self.regions = [""] * n
+        for b in range(n if self.permissions else 0):
+            self._draw_region(b)
         self.home = np.full(n, 8.0)
         self.errors = random.choice([0.0, 0.005, 0.02], n), random.choice([0.0, 0.02, 0.1], n)
         self.gap = random.choice(GAPS, n)
@@ -139,13 +195,20 @@ class Hunt:
             self.gap[:], self.delay[:] = 1, 0
             self.errors = np.zeros(n), np.zeros(n)
         self.next = np.zeros(n, np.int64)
-        self.names = [f"ball-{next(NAMES)}" for _ in range(n)]
+        self.names = [_draw_name() for _ in range(n)]
         self.stamped = 0
         self.truth = np.zeros((HISTORY, n, 6))
         self.joints = np.zeros((HISTORY, 2, len(self.q)))
         for b in range(n):
-            if mode[b] != WANDER and random.random() < 0.1:
+            if mode[b] != WANDER and random.random() < self.static:
                 self._make_static(b)
+
+    def _draw_region(self, b):
+        """Let a ball have one of the limits, or none."""
+        self.regions[b], self.balls.limit[b], self.balls.way[b] = "", 0.0, 0.0
+        number = self.random.integers(-1, len(self.permissions))
+        if number >= 0:
+            self.regions[b], _, self.balls.limit[b], self.balls.way[b] = self.permissions[number]
 
     def _directions(self, count):
         directions = self.random.normal(size=(count, 3))
@@ -162,7 +225,7 @@ class Hunt:
 
     def _make_static(self, b):
         balls = self.balls
-        balls.accel[b] = balls.speed[b] = 0.0
+        balls.accel[b] = balls.speed[b] = balls.limit[b] = balls.way[b] = 0.0
         balls.states[b, :3] *= 0.6
         _, away = attackers.nearest_leaf(
             self.arm, self.room[2], balls.states[b, :3], balls.radius[b]
@@ -201,6 +264,7 @@ class Hunt:
                 speed=balls.speed[chosen],
                 position_error=errors[0],
                 velocity_error=errors[1],
+                region=[self.regions[b] for b in chosen] if self.permissions else None,
             )
             self.next[chosen] = n + self.gap[chosen]
 
@@ -211,7 +275,7 @@ class Hunt:
             return
         b = self.random.choice(roaming)
         self.obstacles.remove([self.names[b]])
-        self.names[b] = f"ball-{next(NAMES)}"
+        self.names[b] = _draw_name()
         self.balls.states[b] = 0.0
         self.balls.states[b, :3] = 9.0 * self._directions(1)[0]
         self.truth[:, b] = self.balls.states[b]
@@ -250,8 +314,12 @@ class Hunt:
 
     turns = False
 
-    def _attack(self, push, free, *, scale=1.0, end=None):
-        """What the worst attack on an arm lacks that goes on so, and how many balls were near."""
+    def _attack(self, push, free, *, scale=1.0, end=None, harms=True):
+        """What the worst attack on an arm lacks that goes on so, and how many balls were near.
+
+        And how near to its limit a contact comes that is permitted. Unless only what `harms` is
+        looked for, every contact counts.
+        """
         random, limits, nv = self.random, self.limits, len(self.q)
         strength = np.zeros(nv) if random.random() < 0.7 else random.random(nv)
         times = np.empty(SAMPLES)
@@ -264,10 +332,21 @@ class Hunt:
             times[:] = end * np.arange(1, SAMPLES + 1) / SAMPLES
         count = true_arm.trace_arm(
             self.arm, limits, self.q, self.v, push, strength, free, scale, times,
-            self.traced,
+            self.traced, self.rates,
         )  # fmt: skip
-        lacks, _, _, tried = attackers.attack_all(self.arm, self.balls, self.traced, times, count)
-        return lacks, tried
+        harm = self.harm
+        if self.permissions and harms:
+            true_arm.fill_paces(self.arm, self.traced, self.rates, count, harm.pace)
+            true_arm.fill_ways(self.arm, self.traced, count, harm.way)
+            attackers.find_company(
+                self.arm, self.balls, self.traced, times, count, self.true_gap, harm
+            )
+        else:
+            harm.pace.fill(np.inf)
+        lacks, _, _, tried, gentle = attackers.attack_all(
+            self.arm, self.balls, self.traced, times, count, harm
+        )
+        return lacks, tried, gentle
 
     def try_attacks(self, verdict, late):
         """What could truly happen now, against what was said."""
@@ -275,25 +354,33 @@ class Hunt:
         push = self.push if random.random() < 0.5 else random.choice([-1.0, 1.0], len(self.q))
         free = late + self.free
         if verdict.level > Level.STOP:
-            lacks, tried = self._attack(push, free)
+            lacks, tried, gentle = self._attack(push, free)
             score = score._replace(
                 goes=score.goes + 1,
                 tried=score.tried + tried,
                 missed=score.missed + int(lacks <= 0.0),
                 worst=min(score.worst, lacks),
+                allowed=score.allowed + int(gentle > 0.0),
+                closest=max(score.closest, gentle),
             )
         if verdict.level is Level.SLOW:
             # In higher levels a scale of 1 promises nothing for longer than the verdict is valid.
-            lacks, _ = self._attack(push, free + self.keeping, scale=verdict.speed_scale)
+            lacks, _, _ = self._attack(push, free + self.keeping, scale=verdict.speed_scale)
             score = score._replace(
                 too_fast=score.too_fast + int(lacks <= 0.0),
                 worst_scale=min(score.worst_scale, lacks),
             )
         if verdict.contact_time > 0.0 and self.tick % 2 == 0:
             end = min(late + verdict.contact_time, HORIZON) * (1.0 - 1e-9)
-            lacks, _ = self._attack(push, np.inf, end=end)
+            lacks, _, _ = self._attack(push, np.inf, end=end, harms=False)
             score = score._replace(
                 early=score.early + int(lacks <= 0.0), worst_time=min(score.worst_time, lacks)
+            )
+        if self.permissions and verdict.harm_time > 0.0 and self.tick % 2 == 1:
+            end = min(late + verdict.harm_time, HORIZON) * (1.0 - 1e-9)
+            lacks, _, _ = self._attack(push, np.inf, end=end)
+            score = score._replace(
+                harmful=score.harmful + int(lacks <= 0.0), worst_harm=min(score.worst_harm, lacks)
             )
         self.score = score
 
@@ -301,7 +388,7 @@ class Hunt:
         """Pairs that could truly touch within 50 ms, and whether before their contact time."""
         true_arm.trace_arm(
             self.arm, self.limits, self.q, self.v, self.push, np.zeros(len(self.q)), np.inf, 1.0,
-            NEAR, self.soon,
+            NEAR, self.soon, self.rates,
         )  # fmt: skip
         near, soonest = attackers.count_near(
             self.arm, self.balls, self.room, self.soon, NEAR, len(self.robot.links)
@@ -372,11 +459,15 @@ class Hunt:
             self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
             until, between, self.home, self.random,
         )  # fmt: skip
-        touching = attackers.count_touching(self.arm, self.balls, self.room)
+        touching, hurt, gentle = attackers.count_touching(self.arm, self.balls, self.room, self.v)
         if touching:
+            score = self.score
             moving = bool((self.v != 0.0).any())
-            self.score = self.score._replace(
-                hits=self.score.hits + int(moving), touches=self.score.touches + int(not moving)
+            self.score = score._replace(
+                hits=score.hits + int(hurt > 0),
+                gentle=score.gentle + int(gentle > 0.0),
+                closest=max(score.closest, gentle),
+                touches=score.touches + int(not moving),
             )
 
     def run(self, pair_ticks):

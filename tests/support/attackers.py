@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.kernels import kernel
-from support.true_arm import get_point, rotate
+from support.true_arm import find_pace, get_point, rotate
 
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps
@@ -27,6 +27,23 @@ class Balls(NamedTuple):
     mode: np.ndarray
     heading: np.ndarray
     shy: np.ndarray
+    limit: np.ndarray
+    """How fast a surface may truly be that touches each, in [m/s]; 0: it must rest. (n,)"""
+    way: np.ndarray
+    """How far one may truly go on that clamps it, in [m]. (n,)"""
+
+
+class Harm(NamedTuple):
+    """What leaves of an arm do whose motion is given; (times, leaves) each."""
+
+    pace: np.ndarray
+    """How fast the fastest of a leaf is from then on, in [m/s]."""
+    way: np.ndarray
+    """How far the farthest of it goes from then on, in [m]."""
+    company: np.ndarray
+    """How many balls come within the gap of it from then on."""
+    first: np.ndarray
+    """The one that does so first; -1: none."""
 
 
 @kernel
@@ -107,16 +124,65 @@ def shortfall(state, accel, speed, x, y, z, contact, t):
 
 
 @kernel
-def attack_all(arm, balls, trace, times, count):
-    """What the most dangerous ball lacks for a contact at any of the times.
+def is_harmless(balls, harm, b, k, leaf):
+    """Whether a contact of a ball and a leaf at a time is one that limits truly permit."""
+    pace, limit = harm.pace[k, leaf], balls.limit[b]
+    if not (limit > 0.0 and pace <= limit):
+        return False
+    others = harm.company[k, leaf] - (harm.first[k, leaf] == b)
+    return others <= 0 or harm.way[k, leaf] <= balls.way[b]
 
-    Returns that in [m], the ball, the index of the time, and how many balls were near enough to be
-    tried one by one.
+
+@kernel
+def find_company(arm, balls, trace, times, count, gap, harm):
+    """Fill which balls are within a gap of each leaf from each time on, if they go straight on.
+
+    One ball is named, and of more it is only known that there are at least two.
     """
     rotations, origins, centers = trace
-    worst, who, when, tried = np.inf, -1, -1, 0
+    harm.company[:count] = 0
+    harm.first[:count] = -1
+    if not gap > 0.0:
+        return
+    for b in range(balls.accel.shape[0]):
+        state, radius = balls.states[b], balls.radius[b]
+        for leaf in range(arm.joint.shape[0]):
+            comes = False
+            for k in range(count - 1, -1, -1):
+                x, y, z = (
+                    state[0] + state[3] * times[k],
+                    state[1] + state[4] * times[k],
+                    state[2] + state[5] * times[k],
+                )
+                dx, dy, dz = (
+                    centers[k, leaf, 0] - x,
+                    centers[k, leaf, 1] - y,
+                    centers[k, leaf, 2] - z,
+                )
+                far = arm.radius[leaf] + radius + gap
+                if not comes and dx * dx + dy * dy + dz * dz <= far * far:
+                    for index in range(arm.first[leaf], arm.first[leaf + 1]):
+                        a, d, c = get_point(arm, rotations[k], origins[k], leaf, index)
+                        if (a - x) ** 2 + (d - y) ** 2 + (c - z) ** 2 <= (radius + gap) ** 2:
+                            comes = True
+                            break
+                if comes:
+                    harm.company[k, leaf] += 1
+                    harm.first[k, leaf] = b
+
+
+@kernel
+def attack_all(arm, balls, trace, times, count, harm):
+    """What the most dangerous ball lacks for a contact at any of the times that does harm.
+
+    Returns that in [m], the ball, the index of the time, and how many balls were near enough to be
+    tried one by one; and of contacts that are permitted, and possible, how near the fastest comes
+    to its limit, as a fraction of that; 0 without one.
+    """
+    rotations, origins, centers = trace
+    worst, who, when, tried, gentle = np.inf, -1, -1, 0, 0.0
     if count == 0:
-        return worst, who, when, tried
+        return worst, who, when, tried, gentle
     middle = np.zeros(3)
     for i in range(3):
         middle[i] = centers[:count, :, i].mean()
@@ -139,24 +205,32 @@ def attack_all(arm, balls, trace, times, count):
         for k in range(count):
             reach = balls.speed[b] * times[k]
             for leaf in range(arm.joint.shape[0]):
+                permitted = is_harmless(balls, harm, b, k, leaf)
+                # Of permitted contacts only such are of interest that are nearer to their limit.
+                if permitted and not harm.pace[k, leaf] > gentle * balls.limit[b]:
+                    continue
                 x, y, z = centers[k, leaf, 0], centers[k, leaf, 1], centers[k, leaf, 2]
                 contact = arm.radius[leaf] + radius
                 dx, dy, dz = x - state[0], y - state[1], z - state[2]
                 # Too far for its speed, and farther than the worst so far: not worth a closer look.
-                far = contact + reach + min(worst, 10.0)
+                enough = 0.0 if permitted else min(worst, 10.0)
+                far = contact + reach + enough
                 if dx * dx + dy * dy + dz * dz > far * far:
                     continue
                 lacks = shortfall(state, balls.accel[b], balls.speed[b], x, y, z, contact, times[k])
-                if not lacks < worst:
+                if not lacks <= enough:
                     continue
                 for index in range(arm.first[leaf], arm.first[leaf + 1]):
                     x, y, z = get_point(arm, rotations[k], origins[k], leaf, index)
                     lacks = shortfall(
                         state, balls.accel[b], balls.speed[b], x, y, z, radius, times[k]
                     )
-                    if lacks < worst:
+                    if permitted and lacks <= 0.0:
+                        gentle = harm.pace[k, leaf] / balls.limit[b]
+                        break
+                    if lacks < worst and not permitted:
                         worst, who, when = lacks, b, k
-    return worst, who, when, tried
+    return worst, who, when, tried, gentle
 
 
 @kernel
@@ -202,18 +276,25 @@ def count_near(arm, balls, room, trace, times, links):
 @kernel
 def _touches(arm, x, radius, room, link):
     """Whether a ball touches a link; any one for -1."""
-    rotations, origins, centers = room
-    for leaf in range(centers.shape[0]):
+    for leaf in range(arm.joint.shape[0]):
         if link >= 0 and arm.link[leaf] != link:
             continue
-        dx, dy, dz = x[0] - centers[leaf, 0], x[1] - centers[leaf, 1], x[2] - centers[leaf, 2]
-        far = arm.radius[leaf] + radius
-        if dx * dx + dy * dy + dz * dz > far * far:
-            continue
-        for index in range(arm.first[leaf], arm.first[leaf + 1]):
-            px, py, pz = get_point(arm, rotations, origins, leaf, index)
-            if (x[0] - px) ** 2 + (x[1] - py) ** 2 + (x[2] - pz) ** 2 <= radius * radius:
-                return True
+        if _touches_leaf(arm, x, radius, room, leaf):
+            return True
+    return False
+
+
+@kernel
+def _touches_leaf(arm, x, radius, room, leaf):
+    rotations, origins, centers = room
+    dx, dy, dz = x[0] - centers[leaf, 0], x[1] - centers[leaf, 1], x[2] - centers[leaf, 2]
+    far = arm.radius[leaf] + radius
+    if dx * dx + dy * dy + dz * dz > far * far:
+        return False
+    for index in range(arm.first[leaf], arm.first[leaf + 1]):
+        px, py, pz = get_point(arm, rotations, origins, leaf, index)
+        if (x[0] - px) ** 2 + (x[1] - py) ** 2 + (x[2] - pz) ** 2 <= radius * radius:
+            return True
     return False
 
 
@@ -289,9 +370,30 @@ def find_prey(arm, balls, centers):
 
 
 @kernel
-def count_touching(arm, balls, room):
-    """How many balls touch the arm."""
-    count = 0
+def count_touching(arm, balls, room, rates):
+    """How many balls touch the arm, and how many it hurts; how near others are to their limit.
+
+    It hurts what a leaf touches that is faster than the limit, or moves if there is none.
+    """
+    rotations, origins, centers = room
+    count = hurt = 0
+    gentle = 0.0
     for b in range(balls.accel.shape[0]):
-        count += _touches(arm, balls.states[b, :3], balls.radius[b], room, -1)
-    return count
+        if not _touches(arm, balls.states[b, :3], balls.radius[b], room, -1):
+            continue
+        count += 1
+        if not np.abs(rates).max() > 0.0:
+            continue
+        limit = balls.limit[b]
+        fastest = np.inf
+        if limit > 0.0:
+            fastest = 0.0
+            for leaf in range(centers.shape[0]):
+                if _touches_leaf(arm, balls.states[b, :3], balls.radius[b], room, leaf):
+                    pace = find_pace(arm, rotations, origins, centers, rates, leaf)
+                    fastest = max(fastest, pace)
+        if fastest > limit:
+            hurt += 1
+        else:
+            gentle = max(gentle, fastest / limit)
+    return count, hurt, gentle

@@ -13,6 +13,7 @@ from armguard.robot.joints import is_prismatic
 from support.hostile_joints import move_joints, turn
 
 POINTS = 20  # of the surface, at most, in each leaf
+PACED = 6  # of these, those whose speed and way count: the first ones are farthest apart
 ROOM = 0.01  # that a careful arm keeps to its stops, in [rad] or [m]
 
 
@@ -162,6 +163,70 @@ def get_point(arm, rotations, origins, leaf, index):
 
 
 @kernel
+def find_pace(arm, rotations, origins, centers, rates, leaf):
+    """How fast the fastest of a leaf is, of its centre and a few points of the surface, [m/s].
+
+    By the velocities of the joints that carry it, each about or along its axis.
+    """
+    spin, slide = np.zeros(3), np.zeros(3)
+    k = arm.joint[leaf]
+    while k >= 0:
+        axis = rotate(rotations, k, arm.axis[k, 0], arm.axis[k, 1], arm.axis[k, 2])
+        if arm.slides[k]:
+            for i in range(3):
+                slide[i] += axis[i] * rates[k]
+        else:
+            a, b, c = axis[0] * rates[k], axis[1] * rates[k], axis[2] * rates[k]
+            x, y, z = origins[k, 0], origins[k, 1], origins[k, 2]
+            # What turns about an axis through x has the velocity w × (p - x).
+            spin[0], spin[1], spin[2] = spin[0] + a, spin[1] + b, spin[2] + c
+            slide[0] -= b * z - c * y
+            slide[1] -= c * x - a * z
+            slide[2] -= a * y - b * x
+        k = arm.parent[k]
+    fastest = 0.0
+    first, last = arm.first[leaf], arm.first[leaf + 1]
+    for index in range(first - 1, min(first + PACED, last)):
+        x, y, z = centers[leaf, 0], centers[leaf, 1], centers[leaf, 2]
+        if index >= first:
+            x, y, z = get_point(arm, rotations, origins, leaf, index)
+        square = (slide[0] + spin[1] * z - spin[2] * y) ** 2
+        square += (slide[1] + spin[2] * x - spin[0] * z) ** 2
+        square += (slide[2] + spin[0] * y - spin[1] * x) ** 2
+        fastest = max(fastest, square)
+    return np.sqrt(fastest)
+
+
+@kernel
+def fill_paces(arm, trace, rates, count, pace):
+    """Fill how fast each leaf is at each of some times, or at any later one, (times, leaves)."""
+    rotations, origins, centers = trace
+    for leaf in range(arm.joint.shape[0]):
+        later = 0.0
+        for k in range(count - 1, -1, -1):
+            here = find_pace(arm, rotations[k], origins[k], centers[k], rates[k], leaf)
+            later = max(later, here)
+            pace[k, leaf] = later
+
+
+@kernel
+def fill_ways(arm, trace, count, way):
+    """Fill how far points of each leaf get from each of some times on, (times, leaves)."""
+    rotations, origins, _ = trace
+    for leaf in range(arm.joint.shape[0]):
+        first = arm.first[leaf]
+        last = min(first + PACED, arm.first[leaf + 1])
+        way[:count, leaf] = 0.0
+        for index in range(first, last):
+            for k in range(count - 1):
+                x, y, z = get_point(arm, rotations[k], origins[k], leaf, index)
+                for later in range(k + 1, count):
+                    a, b, c = get_point(arm, rotations[later], origins[later], leaf, index)
+                    gone = np.sqrt((a - x) ** 2 + (b - y) ** 2 + (c - z) ** 2)
+                    way[k, leaf] = max(way[k, leaf], gone)
+
+
+@kernel
 def _pushed(v, rate, top, t):
     """Way and velocity after `t` seconds at one acceleration, up to a speed."""
     end = v + rate * t
@@ -181,11 +246,12 @@ def _braked(v, rate, t):
 
 
 @kernel
-def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace):
+def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace, rates):
     """Fill where everything is at `times`, of an arm that is pushed and then brakes.
 
     For `free` seconds it keeps to a fraction of its speeds, as it has done before, then it brakes.
     Returns how many of the times there are before it rests. One that reaches a stop stays there.
+    `rates` are filled with the velocities of its joints, (times, nv).
     """
     rotations, origins, centers = trace
     place = np.empty_like(q)
@@ -200,6 +266,7 @@ def trace_arm(arm, limits, q, v, push, strength, free, scale, times, trace):
                 further, speed = _braked(speed, slows, times[k] - free)
                 way += further
             place[j] = min(max(q[j] + way, limits.lower[j]), limits.upper[j])
+            rates[k, j] = speed if place[j] == q[j] + way else 0.0
             moves |= abs(speed) > 1e-12 and place[j] == q[j] + way
         if times[k] > free and not moves:
             return k

@@ -31,7 +31,7 @@ from armguard.bounds.planned.course import (
 from armguard.bounds.planned.harmless import find_harmless_speed
 from armguard.bounds.table_time import is_usable, obstacle_room, separating_direction
 from armguard.contact.bodies import Bounds, Hull
-from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
@@ -154,7 +154,7 @@ def _find_harmless_owner(
     node: int,
     slab: int,
     permitted: ContactLimit,
-    may_clamp: bool,
+    obstacle_speed: float,
     course: PlannedCourse,
     arm: ArmShape,
 ) -> tuple[int, float]:
@@ -164,7 +164,7 @@ def _find_harmless_owner(
     """
     owner, greatest = NONE, 0.0
     while node >= 0:
-        speed = find_harmless_speed(node, slab, permitted, may_clamp, course, arm)
+        speed = find_harmless_speed(node, slab, permitted, obstacle_speed, course, arm)
         if speed == math.inf:
             break
         owner, greatest = node, speed
@@ -182,7 +182,7 @@ def _find_contact(
     arm: ArmShape,
     body: Body,
     permitted: ContactLimit,
-    may_clamp: bool,
+    obstacle_speed: float,
     harmless_from: IntArray,
 ) -> tuple[int, int, int, float]:
     """First slab before `limit` that is not proved free, the sphere that is not, and evaluations.
@@ -221,7 +221,9 @@ def _find_contact(
             elif arm.tree.first_child[node] >= 0:
                 node = arm.tree.first_child[node]
             elif is_limited:
-                owner, speed = _find_harmless_owner(node, slab, permitted, may_clamp, course, arm)
+                owner, speed = _find_harmless_owner(
+                    node, slab, permitted, obstacle_speed, course, arm
+                )
                 if owner == NONE:
                     return slab, node, evaluated, greatest
                 harmless_from[owner] = slab
@@ -238,7 +240,7 @@ def find_planned_contact(
     handle: Any,
     course: PlannedCourse,
     pairs: IntArray,
-    may_clamp: BoolArray,
+    obstacle_speeds: FloatArray,
     now: float,
     margin: float,
 ) -> tuple[float, int, int, int, float, int]:
@@ -248,8 +250,9 @@ def find_planned_contact(
         handle: On the `Surroundings` of the arm.
         course: Where the arm can be.
         pairs: Pair numbers, obstacle row × links + link; quickest in ascending order. Shape (m,).
-        may_clamp: Whether each pair's link may press the obstacle against something: contact is
-            permitted only once the link's way left is no longer than `max_way`. Shape (m,).
+        obstacle_speeds: Of each pair, how fast something is at most that the link may press the
+            obstacle against, in [m]/[s]: contact is permitted only once the way left is no longer
+            than `max_way`. Negative where there is nothing but the arm's own links. Shape (m,).
         now: In [s] on the clock of the obstacles' stamps.
         margin: Distance that counts as contact already, in [m].
 
@@ -289,7 +292,10 @@ def find_planned_contact(
             if not is_known(marks, row):
                 return 0.0, pairs[index], NONE, evaluated, 0.0, NONE
             seen = row
-            permitted = strictest_limit(limits, marks.regions[row])
+            stated = strictest_limit(limits, marks.regions[row])
+            permitted = ContactLimit(
+                stated.max_speed, stated.max_way, stated.gap + margin, stated.thickness
+            )
             away = True
             for number in possible_states(marks, row):
                 states, place, age = state_at(bodies, refused, marks, row, number, now)
@@ -308,7 +314,7 @@ def find_planned_contact(
             states, place, age = state_at(bodies, refused, marks, row, number, now)
             body = _make_body(states, place, age, margin)
             slab, sphere, spent, speed = _find_contact(
-                link, first, limit, offset, course, arm, body, permitted, may_clamp[index],
+                link, first, limit, offset, course, arm, body, permitted, obstacle_speeds[index],
                 harmless_from,
             )  # fmt: skip
             evaluated += spent

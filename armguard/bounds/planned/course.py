@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from armguard.bounds.joint_box import JointBox, Vector, set_columns
+from armguard.bounds.link_gaps import LinkGaps
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.robot.kinematics import SphereTree
@@ -29,6 +30,8 @@ class ArmShape(NamedTuple):
     """Errors of the columns of the Jacobian in the middle of a box: none. Shape (nv,)."""
     moves: BoolArray
     """Which joints move what each joint carries. Shape (J, nv)."""
+    gaps: LinkGaps
+    """How distances between links can vary; without parts nothing is clamped between links."""
 
 
 class PlannedCourse(NamedTuple):
@@ -55,6 +58,12 @@ class PlannedCourse(NamedTuple):
     """A ball around those. Shape (4,)."""
     speeds: Any
     """Handle on its `CourseSpeeds`, one without slabs where nobody asks for speeds."""
+
+
+@kernel
+def find_frame(block: int, slabs: int) -> int:
+    """The slab in the middle of a block."""
+    return (block * BLOCK + min((block + 1) * BLOCK, slabs) - 1) // 2
 
 
 @kernel

@@ -15,7 +15,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.planned.course import BLOCK, ArmShape, PlannedCourse, find_center
+from armguard.bounds.planned.clamps import find_closing_way
+from armguard.bounds.planned.course import (
+    BLOCK,
+    ArmShape,
+    PlannedCourse,
+    find_center,
+    find_frame,
+)
 from armguard.bounds.surface_speed import set_joints, speed_in_box
 from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import FloatArray
@@ -35,7 +42,9 @@ class CourseSpeeds(NamedTuple):
     forth: FloatArray
     """How far joints can go from the start of each slab on, in [rad] or [m]. Shape (slabs, nv)."""
     back: FloatArray
-    """The same the other way, negative. The farther of both is all the way that they can go."""
+    """The same the other way, negative."""
+    whole: FloatArray
+    """All the way that they can go, forth and back, alike."""
     away: FloatArray
     """How far they can be from the middle of the last slab from then on. Shape (slabs, nv)."""
     block_slowest: FloatArray
@@ -47,10 +56,14 @@ class CourseSpeeds(NamedTuple):
     bound: FloatArray
     """Filled when it is asked for: bound on the speed of a sphere from a block on, in [m]/[s];
     NaN until then. Shape (n, blocks)."""
+    part_centers: FloatArray
+    """Where the spheres are that stand for links, in the middle of each block, in [m].
+    Shape (blocks, parts, 3)."""
 
 
 def _make_no_speeds() -> Any:
-    return pack(CourseSpeeds(*(np.zeros((0, 1)) for _ in CourseSpeeds._fields)))
+    *others, _ = CourseSpeeds._fields
+    return pack(CourseSpeeds._make([*(np.zeros((0, 1)) for _ in others), np.zeros((0, 1, 3))]))
 
 
 NO_SPEEDS = _make_no_speeds()
@@ -67,9 +80,9 @@ def sum_up_speeds(
     spheres: int,
 ) -> tuple[
     FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray,
-    FloatArray,
+    FloatArray, FloatArray,
 ]:  # fmt: skip
-    """The fields of `CourseSpeeds`.
+    """The fields of `CourseSpeeds`, but for the last.
 
     Args:
         times: When slabs start and end, in [s]. Shape (2, slabs).
@@ -82,6 +95,7 @@ def sum_up_speeds(
     slabs, joints = middle.shape
     last = slabs - 1
     forth, back, away = np.empty_like(middle), np.empty_like(middle), np.empty_like(middle)
+    wholes = np.empty_like(middle)
     for j in range(joints):
         up = down = whole = wide = 0.0
         for k in range(last, -1, -1):
@@ -97,13 +111,13 @@ def sum_up_speeds(
             # One that goes forth and back goes farther in all than to either side.
             forth[k, j] = whole if up >= down else up
             back[k, j] = -down if up >= down else -whole
-            away[k, j] = wide
+            away[k, j], wholes[k, j] = wide, whole
     blocks = (slabs + BLOCK - 1) // BLOCK
     shape = blocks, joints
     block_slowest, block_fastest, block_half = np.empty(shape), np.empty(shape), np.zeros(shape)
     for block in range(blocks):
         first, end = block * BLOCK, min((block + 1) * BLOCK, slabs)
-        frame = _find_frame(block, slabs)
+        frame = find_frame(block, slabs)
         for j in range(joints):
             block_slowest[block, j], block_fastest[block, j] = math.inf, -math.inf
             for k in range(first, end):
@@ -113,14 +127,9 @@ def sum_up_speeds(
                 block_half[block, j] = max(block_half[block, j], wide)
     bound = np.full((spheres, blocks), np.nan)
     return (
-        slowest, fastest, forth, back, away, block_slowest, block_fastest, block_half, bound,
+        slowest, fastest, forth, back, wholes, away, block_slowest, block_fastest, block_half,
+        bound,
     )  # fmt: skip
-
-
-@kernel
-def _find_frame(block: int, slabs: int) -> int:
-    """The slab in the middle of a block."""
-    return (block * BLOCK + min((block + 1) * BLOCK, slabs) - 1) // 2
 
 
 @kernel
@@ -170,7 +179,7 @@ def _bound_from_block(
     known = speeds.bound[node, block]
     if known >= 0.0:
         return known
-    frame = _find_frame(block, course.start.shape[0])
+    frame = find_frame(block, course.start.shape[0])
     speed = _bound_speed(
         node, frame, speeds.block_half[block], speeds.block_slowest[block],
         speeds.block_fastest[block], math.inf, course, arm,
@@ -251,7 +260,7 @@ def find_harmless_speed(
     node: int,
     slab: int,
     limit: ContactLimit,
-    may_clamp: bool,
+    obstacle_speed: float,
     course: PlannedCourse,
     arm: ArmShape,
 ) -> float:
@@ -261,7 +270,8 @@ def find_harmless_speed(
         node: The sphere.
         slab: The slab.
         limit: Of the obstacle: what contact is permitted.
-        may_clamp: Whether the sphere's link may press the obstacle against something.
+        obstacle_speed: How fast something is at most that the sphere's link may press the obstacle
+            against, in [m]/[s]; negative where there is nothing but the arm's own links.
         course: Where the arm can be, and how fast.
         arm: Its shape.
 
@@ -273,8 +283,13 @@ def find_harmless_speed(
     speed = find_speed_from(node, slab, limit.max_speed, course, arm)
     if not speed <= limit.max_speed:
         return math.inf
-    if may_clamp and limit.max_way != math.inf:
-        way = find_way_from(node, slab, course, arm)
+    if limit.max_way == math.inf:
+        return speed
+    if obstacle_speed >= 0.0:
+        # What moves by itself goes on until the arm rests.
+        left = course.end[course.end.shape[0] - 1] - course.start[slab]
+        way = find_way_from(node, slab, course, arm) + obstacle_speed * left
         if not way <= limit.max_way:
             return math.inf
-    return speed
+    way = find_closing_way(node, slab, limit.gap, limit.thickness, course, arm)
+    return speed if way <= limit.max_way else math.inf

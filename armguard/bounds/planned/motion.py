@@ -17,6 +17,8 @@ import pinocchio
 from armguard.bounds.checks import check_question
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import JointLimits, read_limits
+from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
+from armguard.bounds.planned.clamps import place_parts
 from armguard.bounds.planned.contact import (
     PlannedContact,
     Surroundings,
@@ -31,7 +33,7 @@ from armguard.bounds.planned.plan import CheckedPlan, is_plain, make_example
 from armguard.bounds.planned.slabs import Slabs, center, include, lay_left_piece, lay_piece
 from armguard.bounds.sums import compute_levers, compute_sphere_levers
 from armguard.exceptions import ArmguardError
-from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.regions import RegionLimits, make_no_limits
@@ -56,6 +58,7 @@ class PlannedMotion:
         base_placement: pinocchio.SE3 | None = None,
         *,
         in_force: LimitsInForce | None = None,
+        gaps: LinkGaps | None = None,
     ) -> None:
         """Compute the levers of all spheres, and compile.
 
@@ -64,6 +67,7 @@ class PlannedMotion:
             base_placement: Placement of the robot's base in the world; None: they coincide.
             in_force: How joints stop under the payload in force, shared; None: the robot's brakes
                 under the heaviest payload.
+            gaps: How distances between links can vary; None: nothing is clamped between links.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
@@ -84,6 +88,7 @@ class PlannedMotion:
             local=np.array(spheres.local),
             exact=np.zeros(len(turning)),
             moves=self._kinematics.placement.moves,
+            gaps=make_no_gaps() if gaps is None else gaps,
         )
         self._no_limits = make_no_limits()
         self._still = np.zeros(len(robot.joints))
@@ -96,6 +101,7 @@ class PlannedMotion:
         self._include = machine_code(include, times, boxes, boxes, plan, self._handle, 0.0)
         self._place_boxes = machine_code(_place_boxes, self._placed_arm, self._handle, boxes)
         self._sum_up_speeds = machine_code(sum_up_speeds, times, *boxes, *boxes, np.int64(1))
+        self._place_parts = machine_code(_place_parts, self._placed_arm, np.zeros((1, 1, 3, 4)))
         self._surroundings: tuple[Surroundings | None, Any, Any] = None, None, None
 
     def lay_out(
@@ -185,8 +191,10 @@ class PlannedMotion:
         summed = NO_SPEEDS
         if speeds.shape[1] > 0:
             spheres = len(self._arm.carrier)
-            summed = pack(CourseSpeeds(*self._sum_up_speeds(times, *boxes, *speeds, spheres)))
-        return PlannedCourse(float(plan.now), *times, *boxes, *placed, summed)
+            parts = self._place_parts(self._placed_arm, placed[0])
+            sums = self._sum_up_speeds(times, *boxes, *speeds, spheres)
+            summed = pack(CourseSpeeds._make((*sums, parts)))
+        return PlannedCourse._make((float(plan.now), *times, *boxes, *placed, summed))
 
     def contact_time(
         self,
@@ -198,7 +206,7 @@ class PlannedMotion:
         refused_bodies: States,
         marks: Marks,
         limits: RegionLimits | None = None,
-        may_clamp: bool | BoolArray = False,
+        obstacle_speeds: float | FloatArray = -1.0,
     ) -> PlannedContact:
         """Earliest possible contact on a course; inf if there is none before the arm rests.
 
@@ -215,15 +223,17 @@ class PlannedMotion:
             refused_bodies: Refused samples beside them, which may be true as well.
             marks: Which of those there are; where there is neither, the answer is 0.
             limits: What contact is permitted, by region; None: none.
-            may_clamp: Whether each pair's link may press the obstacle against something: contact
-                is permitted only once the way left is short enough as well. Shape (m,) or ().
+            obstacle_speeds: Of each pair, how fast something is at most that the link may press
+                the obstacle against, in [m]/[s]: contact is permitted only once the way left is
+                short enough as well. Negative where there is nothing but the arm's own links.
+                Shape (m,) or ().
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
         # What is compiled for whole numbers would cut off all others that come later.
         now, margin = float(now), float(margin)
         limits = self._no_limits if limits is None else limits
-        clamps = np.empty(len(pairs), dtype=np.bool_)
-        clamps[:] = may_clamp
+        speeds = np.empty(len(pairs))
+        speeds[:] = obstacle_speeds
         around, handle, find_contact = self._surroundings
         if around is None or not (
             around.bodies is bodies
@@ -234,10 +244,10 @@ class PlannedMotion:
             # Of a monitor these are the same arrays in every tick, but for a table that has grown.
             around = make_surroundings(self._arm, bodies, refused_bodies, marks, limits)
             handle = pack(around)
-            given = handle, course, pairs, clamps, now, margin
+            given = handle, course, pairs, speeds, now, margin
             find_contact = machine_code(find_planned_contact, *given)
             self._surroundings = around, handle, find_contact
-        return PlannedContact(*find_contact(handle, course, pairs, clamps, now, margin))
+        return PlannedContact(*find_contact(handle, course, pairs, speeds, now, margin))
 
     def advance(
         self,
@@ -288,6 +298,12 @@ class PlannedMotion:
             moved = displacement_in_box(tuple(along), *given)
             largest = max(largest, float(along @ [x, y, z]) - origin + moved)
         return largest
+
+
+@kernel
+def _place_parts(handle: Any, placement: FloatArray) -> FloatArray:
+    """`place_parts` on the handle of a `PlacedArm`."""
+    return place_parts(handle.content.arm, placement)
 
 
 @kernel

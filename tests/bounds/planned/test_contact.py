@@ -3,6 +3,7 @@ import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
 from armguard.bounds.joint_box import make_box
+from armguard.bounds.link_gaps import make_no_gaps
 from armguard.bounds.planned.contact import NONE, find_planned_contact, make_surroundings
 from armguard.bounds.planned.course import ArmShape
 from armguard.bounds.planned.harmless import NO_SPEEDS
@@ -60,7 +61,7 @@ def make_slide(along, center, radius, half):
     arm = ArmShape(
         SphereTree(*(frozen([value]) for value in (0, -1, -1, -1, radius))),
         np.ones((1, 1)), make_box(np.array([False]), np.zeros(1)), np.zeros(1, dtype=np.int64),
-        np.zeros((1, 3)), np.zeros(1), np.ones((1, 1), dtype=bool),
+        np.zeros((1, 3)), np.zeros(1), np.ones((1, 1), dtype=bool), make_no_gaps(),
     )  # fmt: skip
     jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
     ball = np.append(center, radius + half)

@@ -65,9 +65,9 @@ def bound_all(handle, course, node, speeds, ways):
 
 
 @kernel
-def bound_within(handle, course, node, slab, limit, way, may_clamp):
+def bound_within(handle, course, node, slab, limit, way, obstacle_speed):
     given = ContactLimit(limit, way, 0.0, 0.0)
-    return find_harmless_speed(node, slab, given, may_clamp, course, handle.content.arm)
+    return find_harmless_speed(node, slab, given, obstacle_speed, course, handle.content.arm)
 
 
 def pack_around(motion, obstacles=None):
@@ -225,12 +225,12 @@ def test_from_later_on_an_arm_is_never_faster_and_goes_no_farther(robot):
             for slab in random.integers(0, len(speeds), 5):
                 # What holds from a slab on is the greatest of all slabs, whatever is asked first.
                 found = [
-                    bound_within(around, course, node, k, speeds[slab], math.inf, False)
+                    bound_within(around, course, node, k, speeds[slab], math.inf, -1.0)
                     for k in range(slab, len(speeds))
                 ]
                 assert max(found) <= speeds[slab]
                 assert (np.diff(found) <= 1e-12).all() or len(found) < 2
-                below = bound_within(around, course, node, slab, 0.5 * found[0], 1.0, False)
+                below = bound_within(around, course, node, slab, 0.5 * found[0], 1.0, -1.0)
                 assert below == math.inf or below <= 0.5 * found[0]
 
 
@@ -243,19 +243,19 @@ def test_a_way_that_is_too_long_is_harmful_where_something_may_be_clamped(robot)
     around = pack_around(motion)
     for slab in range(0, len(ways), 7):
         ask = around, course, node, slab
-        assert bound_within(*ask, 1e3, 0.999 * ways[slab], False) <= 1e3
-        assert bound_within(*ask, 1e3, 0.999 * ways[slab], True) == math.inf
-        assert bound_within(*ask, 1e3, ways[slab], True) <= 1e3
-        assert bound_within(*ask, 1e3, math.nan, True) == math.inf
-        assert bound_within(*ask, 0.0, math.inf, False) == math.inf
-        assert bound_within(*ask, math.nan, math.inf, False) == math.inf
+        assert bound_within(*ask, 1e3, 0.999 * ways[slab], -1.0) <= 1e3
+        assert bound_within(*ask, 1e3, 0.999 * ways[slab], 0.0) == math.inf
+        assert bound_within(*ask, 1e3, ways[slab], 0.0) <= 1e3
+        assert bound_within(*ask, 1e3, math.nan, 0.0) == math.inf
+        assert bound_within(*ask, 0.0, math.inf, -1.0) == math.inf
+        assert bound_within(*ask, math.nan, math.inf, -1.0) == math.inf
 
 
 def test_without_velocities_nothing_is_harmless(robot):
     random, motion = np.random.default_rng(7), PlannedMotion(robot)
     _, plan = draw_plan(robot, random)
     course = motion.lay_out(check(robot, plan, 0.0))
-    assert bound_within(pack_around(motion), course, 0, 0, 1e3, math.inf, False) == math.inf
+    assert bound_within(pack_around(motion), course, 0, 0, 1e3, math.inf, -1.0) == math.inf
 
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
@@ -297,12 +297,12 @@ def put(places, *, region=HAND, stated=True):
     return obstacles
 
 
-def ask(panda, course, obstacles, limits, may_clamp=False):
+def ask(panda, course, obstacles, limits, obstacle_speeds=-1.0):
     robot, motion = panda
     table = obstacles.table
     return motion.contact_time(
         course, all_pairs(obstacles, len(robot.links)), NOW, 0.0, table.accepted,
-        table.refused_states, table.marks, limits, may_clamp,
+        table.refused_states, table.marks, limits, obstacle_speeds,
     )  # fmt: skip
 
 
@@ -369,11 +369,11 @@ def test_what_may_be_clamped_needs_a_short_way_left(panda):
     limits.max_way[HAND] = 0.005
     refused = ask(panda, course, soon, None)
     assert ask(panda, course, soon, limits).time == math.inf
-    assert ask(panda, course, soon, limits, True).time == refused.time
+    assert ask(panda, course, soon, limits, 0.0).time == refused.time
     each = np.ones(len(panda[0].links), dtype=bool)
     assert ask(panda, course, soon, limits, each).time == refused.time
     limits.max_way[HAND] = 10.0
-    assert ask(panda, course, soon, limits, True).time == math.inf
+    assert ask(panda, course, soon, limits, 0.0).time == math.inf
     with pytest.raises(ValueError, match="broadcast"):
         ask(panda, course, soon, limits, each[1:])
 
@@ -390,7 +390,7 @@ def test_where_nothing_is_permitted_answers_are_those_without_limits(panda):
             expected = ask(panda, plain, crowd, None)
             assert ask(panda, course, crowd, None) == expected
             assert ask(panda, course, crowd, permit()) == expected
-            assert ask(panda, course, crowd, permit(hand=0.0, head=0.0), True) == expected
+            assert ask(panda, course, crowd, permit(hand=0.0, head=0.0), 0.0) == expected
             # Where contact is permitted, the first that is not comes no sooner.
             assert ask(panda, course, crowd, permit(hand=0.5)).time >= expected.time
 

@@ -5,6 +5,7 @@ import pinocchio
 import pytest
 
 from armguard.bounds.joint_box import make_box
+from armguard.bounds.link_gaps import make_no_gaps
 from armguard.bounds.planned.course import BLOCK, ArmShape
 from armguard.bounds.planned.placing import (
     PlacedArm,
@@ -34,7 +35,7 @@ def pack_arm(robot, kinematics, random):
     arm = ArmShape(
         spheres.tree, random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
         make_box(np.ones(len(robot.joints), dtype=bool), nothing), np.array(spheres.joint),
-        np.array(spheres.local), nothing, kinematics.placement.moves,
+        np.array(spheres.local), nothing, kinematics.placement.moves, make_no_gaps(),
     )  # fmt: skip
     return arm, pack(PlacedArm(make_chain(kinematics), arm))
 

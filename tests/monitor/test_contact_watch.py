@@ -1,0 +1,155 @@
+"""Who is touched, as is permitted, stops the arm until they leave; what moves a joint is told."""
+
+import numpy as np
+import pytest
+
+from armguard.settings.contact_limits import ContactLimit, ContactLimits
+from armguard.verdict import Effect, Level, ReasonKind
+from support.panda_monitor import HOME, PERIOD, kinds, panda, subjects
+from support.permitted_contact import LIMITS, Encounter
+
+IN_CONTACT, MOVED = ReasonKind.IN_CONTACT, ReasonKind.MOVED_BY_CONTACT
+JUMPED, BROKEN = ReasonKind.JOINT_STATE_JUMPED, ReasonKind.BOUND_BROKEN
+CREEP = 0.0009  # [m] in a tick: a hand that comes at 0.9 m/s
+
+
+def approach(encounter, until=-0.01):
+    """Let the hand come as fast as it may until it is so far into the arm; the last verdict."""
+    away = encounter.away
+    verdict = encounter.go(2)
+    while away > until:
+        away -= CREEP
+        encounter.see(away=away)
+        verdict = encounter.step()
+    encounter.away = away
+    return verdict
+
+
+@pytest.fixture
+def touched():
+    """A hand that has come up to the arm and stays there; the arm must have come to rest."""
+    encounter = Encounter(0.02, reaction_time=0.002)
+    verdict = approach(encounter)
+    assert IN_CONTACT in kinds(verdict)
+    for _ in range(int(verdict.stop_time / PERIOD) + 3):
+        encounter.see(away=encounter.away)
+        verdict = encounter.step()
+    assert verdict.level is Level.STOP
+    return encounter
+
+
+def test_a_touch_is_a_stop_from_its_first_tick_on_until_the_hand_leaves():
+    encounter = Encounter(0.02)
+    before = encounter.go(2)
+    assert before.level > Level.STOP
+    assert IN_CONTACT not in kinds(before)
+    verdict = approach(encounter)
+    assert verdict.level is Level.STOP
+    (subject,) = subjects(verdict, IN_CONTACT)
+    assert subject.endswith("and p/hand")
+    while encounter.away < 0.02:
+        encounter.away += CREEP
+        encounter.see(away=encounter.away)
+        verdict = encounter.step()
+    assert IN_CONTACT not in kinds(verdict)
+    assert verdict.level > Level.STOP
+    assert ReasonKind.BOUND_BROKEN not in kinds(verdict)
+
+
+def test_a_stop_by_touch_is_held_for_the_rise_delay():
+    encounter = Encounter(0.02, rise_delay=0.05)
+    approach(encounter)
+    encounter.obstacles.remove(["p/hand"])
+    verdict = encounter.step()
+    assert IN_CONTACT not in kinds(verdict)
+    assert verdict.level is Level.STOP
+    assert verdict.held is not None
+    for _ in range(50):
+        verdict = encounter.step()
+    assert verdict.level is Level.CLEAR
+
+
+def test_a_joint_that_is_moved_at_rest_by_more_than_errors_is_told_and_does_not_latch(touched):
+    error = panda().position_error[0]
+    off = np.zeros(len(HOME))
+    off[0] = 1.9 * error
+    verdict = touched.step(HOME + off)
+    assert kinds(verdict) >= {IN_CONTACT}
+    assert MOVED not in kinds(verdict)
+    off[0] = 2.1 * error
+    touched.see(away=touched.away)
+    verdict = touched.step(HOME + off)
+    assert MOVED in kinds(verdict)
+    assert verdict.level is Level.STOP
+    assert not touched.monitor._rule.latched
+    assert subjects(verdict, MOVED) == {panda().joints[0]}
+    touched.obstacles.remove(["p/hand"])
+    assert touched.step().level is Level.CLEAR
+
+
+def test_a_joint_that_jumps_while_a_hand_is_touched_is_told_and_does_not_latch(touched):
+    verdict = touched.step(HOME + 0.3)
+    assert MOVED in kinds(verdict)
+    assert JUMPED not in kinds(verdict)
+    assert verdict.level is Level.STOP
+    touched.obstacles.remove(["p/hand"])
+    assert touched.step().level is Level.CLEAR
+
+
+def test_a_joint_that_jumps_while_a_permitted_contact_is_possible_does_not_latch():
+    encounter = Encounter(0.005)
+    verdict = encounter.go(2)
+    assert ReasonKind.CONTACT_ALLOWED in kinds(verdict)
+    while verdict.contact_time > 0.0:
+        verdict = encounter.step()  # the hand may come meanwhile
+    assert IN_CONTACT not in kinds(verdict)
+    verdict = encounter.step(HOME + 0.3)
+    assert MOVED in kinds(verdict)
+    assert not encounter.monitor._rule.latched
+
+
+@pytest.mark.parametrize("limits", [None, LIMITS], ids=["without limits", "beside a head"])
+def test_a_joint_that_jumps_while_no_permitted_contact_is_possible_latches(limits):
+    encounter = Encounter(0.005, limits=limits)
+    verdict = encounter.go(2, region="head")
+    while verdict.contact_time > 0.0:
+        verdict = encounter.step()
+    verdict = encounter.step(HOME + 0.3)
+    assert JUMPED in kinds(verdict)
+    assert JUMPED.effect is Effect.LATCHED
+    assert encounter.step().level is Level.STOP
+
+
+def test_a_joint_that_jumps_after_a_tick_that_was_refused_latches():
+    """All certificates were invalid then, but no hand is near."""
+    encounter = Encounter(3.0)
+    encounter.go(2)
+    encounter.monitor.step(encounter.tick * PERIOD, HOME[:3], HOME[:3], encounter.tick * PERIOD)
+    verdict = encounter.step(HOME + 0.3)
+    assert JUMPED in kinds(verdict)
+    assert encounter.monitor._rule.latched
+
+
+def test_bounds_that_a_touched_body_breaks_are_not_told(touched):
+    """The arm would have pushed it: two metres a second, which no bound allows."""
+    away = touched.away
+    seen = set()
+    for _ in range(6):
+        away -= 0.0011
+        touched.see(away=away)
+        seen |= kinds(touched.step())
+    assert IN_CONTACT in seen
+    assert BROKEN not in seen
+
+
+def test_a_head_is_no_contact_but_a_stop():
+    limits = ContactLimits({"hand": ContactLimit(speed=0.8, source="test")})
+    encounter = Encounter(0.02, limits=limits)
+    encounter.go(2, region="head")
+    away = encounter.away
+    while away > -0.01:
+        away -= CREEP
+        encounter.see(away=away, region="head")
+        verdict = encounter.step()
+    assert verdict.level is Level.STOP
+    assert IN_CONTACT not in kinds(verdict)
