@@ -126,7 +126,7 @@ def test_velocity_errors_leave_no_sure_receding():
         KINEMATICS.compute(world.q, world.v)
         world.state.prepare_arm(world.q, world.v)
         assert (world.state.scene.arm.velocity_error[LEAVES] > 0.0).any()
-        meets, stays, _ = world.find()
+        _, stays, _ = world.find()
         assert (world.ask() != NO_LINK) == bool(stays)
         seen += bool(stays)
     assert seen > 5
