@@ -8,7 +8,8 @@ A Panda moves between random points of its workspace, its base at several places
 people were recorded; from the last of these it reaches where they work. First the arm goes on
 whatever is said, so that all rules judge the same states. Then it obeys them, one by one: after the
 delays its brakes act with the deceleration that they guarantee, and once it may, it returns to its
-path. At last it obeys the speed scales too. The page that this writes says how to read it.
+path. At last it obeys the speed scales too. Rules with contact limits have a part of the page of
+their own, with every touch. The page that this writes says how to read it.
 
 Time is judged at 100 Hz, the rate of the recordings. A rule says STOP by what could happen until
 the next tick's STOP would bite, and that time is kept the same at every rate; at 200 Hz and at

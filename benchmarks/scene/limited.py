@@ -121,14 +121,32 @@ def _aims(results: Results, settings: list[Setting]) -> list[str]:
         if shares[1] > 0.0:
             ratio = shares[0] / shares[1]
             met = "met" if ratio <= most else "not met"
-            rows.append([f"{rule} ÷ {SEPARATION}", f"{speed:g} rad/s", f"{most:g}",
-                         f"{ratio:.2f}", met])  # fmt: skip
+            each = _find_ratios(results, rule, speed, settings[0])
+            rows.append(
+                [
+                    f"{rule} ÷ {SEPARATION}", f"{speed:g} rad/s", f"{most:g}", f"{ratio:.2f}", met,
+                    f"{min(each):.2f} to {max(each):.2f}",
+                ]
+            )  # fmt: skip
     if not rows:
         return []
     text = f"What was aimed at, outside blocked time, with {milliseconds(settings[0].reaction)}"
     text += " of reaction:"
-    heads = ["ratio of time in STOP", "speed", "at most", "found", "aim"]
+    heads = ["ratio of time in STOP", "speed", "at most", "found", "aim", "by recording"]
     return [text, "", *make_table(heads, rows), ""]
+
+
+def _find_ratios(results: Results, rule: str, speed: float, setting: Setting) -> list[float]:
+    """By recording, of those in which the separation distance stops at all."""
+    ratios = []
+    for name in dict.fromkeys(one.recording for one in results.found):
+        mine, rival = (
+            find_open_share(one.outcome for one in results.of(speed, each, setting, recording=name))
+            for each in (rule, SEPARATION)
+        )
+        if rival > 0.0:
+            ratios.append(mine / rival)
+    return ratios
 
 
 def _causes(results: Results, settings: list[Setting]) -> list[str]:
