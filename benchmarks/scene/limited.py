@@ -40,13 +40,13 @@ def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]
     results = Results([one for one in found if one.rule in RULES], scope.cameras[0], rate)
     if not any(one.rule.endswith(WITH_LIMITS) for one in results.found):
         return []
-    limits = ", ".join(
+    limits = "; ".join(
         f"{region} {limit.force:g} N ({limit.transient_force:g} N at an impact),"
         f" {limit.stiffness:g} N/m and {limit.body_mass:g} kg: {limit.max_speed:.2f} m/s"
         for region, limit in LIMITS.by_region.items()
     )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
-    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
+    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits.capitalize())
     lines = ["## Contact limits", "", text]
     lines += _shares(results, settings)
     lines += _aims(results, settings)
