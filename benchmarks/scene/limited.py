@@ -46,7 +46,7 @@ def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]
         for region, limit in LIMITS.by_region.items()
     )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
-    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits.capitalize())
+    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
     lines = ["## Contact limits", "", text]
     lines += _shares(results, settings)
     lines += _aims(results, settings)
