@@ -37,6 +37,7 @@ from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
 from scene.results import Found
+from scene.self_contact import meets_itself
 from scene.stop_rules import Rule, Setting
 from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
@@ -131,10 +132,11 @@ class Workplace:
     def play(self, case: Case, people: People) -> Iterator[Found]:
         """One case: all rules judge it, then those of the obeying settings are obeyed."""
         run, trajectory = self._run, self.make_trajectory(case)
+        is_impossible = meets_itself(trajectory, run.seconds)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed
-            return Found(case.speed, rule.name, rule.setting, how, *where, outcome)
+            return Found(case.speed, rule.name, rule.setting, how, *where, outcome, is_impossible)
 
         judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
         for rule, outcome in zip(self.rules, judged, strict=True):
