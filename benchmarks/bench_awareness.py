@@ -189,7 +189,10 @@ class Trial:
             publish(self._obstacles, names, now, position, velocity)
         refinement_threshold = (stop_time + SETTINGS.aware_margin) / SETTINGS.fresh_share
         self._arm.kinematics.place(q)
-        state.begin(now, 0.0, refinement_threshold)
+        state.now, state.arm_age = now, 0.0
+        state.refinement_threshold = refinement_threshold
+        state.sphere_time.fill(np.inf)
+        state.view_table()
         state.prepare_arm(q, v)
         return Tick(number, now, now, q, v, 0.0, stop_time, refinement_threshold)
 

@@ -111,7 +111,8 @@ def describe_missing_limits(monitor: Monitor) -> str | None:
     if settings.has_operating or robot.published_operating_limits is None:
         return None
     still = np.zeros(len(robot.joints))
-    q = np.clip(still, robot.lower_position_limit, robot.upper_position_limit)
+    middle = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
+    q = np.where(np.isfinite(middle), middle, 0.0)
     without, published = (
         BrakingMotion(
             robot,

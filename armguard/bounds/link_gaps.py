@@ -12,13 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.numerics import VARIATION_SLACK
 from armguard.robot.kinematics import Kinematics, SphereTree
 
 FEWEST_PARTS = 6
 """Spheres of a link that stand for it, unless it has fewer."""
-VARIATION_SLACK = 1e-6
-"""By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
-
 
 class LinkGaps(NamedTuple):
     """How distances between spheres of different links can vary; without parts: nobody asks."""

@@ -56,6 +56,9 @@ PRUNING_SLACK = 1e-9
 """Relative to a distance: blocks that are this little too far are examined all the same, so that
 rounding never excludes the nearest one. It costs time only."""
 
+VARIATION_SLACK = 1e-6
+"""By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
+
 ALLOWED = 0
 POSITION_BY_ACCEL = 1
 POSITION_BY_SPEED = 2

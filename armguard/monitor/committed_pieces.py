@@ -160,7 +160,7 @@ class CommittedPieces:
         self._following = Following(robot)
         self._latency = settings.latency
         self._margin = settings.margin
-        self._with_velocities = settings.contact_limits is not None
+        self._with_velocities = settings.permits_contact
         # Whether joints may leave a piece at any moment, to brake by themselves.
         self._may_leave = settings.leave == "any"
         self._known = KnownObstacles(scheduler)

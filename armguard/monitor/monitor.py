@@ -161,7 +161,7 @@ class Monitor:
         self._judge = Judge(robot, self._scheduler, self._states, rule, settings, in_force)
         self._queries = Queries(robot, obstacles, settings, self._scheduler, self._states, in_force)
         self._contact: ContactWatch | None = None
-        if settings.contact_limits is not None:
+        if settings.permits_contact:
             from armguard.monitor.contact_watch import ContactWatch
 
             self._contact = ContactWatch(robot, self._scheduler)

@@ -66,7 +66,7 @@ class WatchedArm:
             with_joints=settings.with_joints,
             with_plans=settings.with_plans,
             in_force=in_force,
-            with_velocities=settings.contact_limits is not None,
+            with_velocities=settings.permits_contact,
         )
         limits = make_no_limits()
         if settings.contact_limits is not None:

@@ -649,7 +649,7 @@ class Scheduler:
         self._use(self._lay_desk(self.arm, self._make_empty(self.arm), is_fresh=True))
 
     def _make_empty(self, arm: WatchedArm) -> Certificates:
-        permits_contact = self._settings.contact_limits is not None
+        permits_contact = self._settings.permits_contact
         return make_certificates(len(arm.links), permits_contact=permits_contact)
 
     def _fit(self) -> None:

@@ -124,7 +124,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
             raise ArmguardError(
                 "leave", f"is {self.leave!r}", expected='"never" unless motion="planned"'
             )
-        if self.contact_limits is not None and not self.with_joints:
+        if self.permits_contact and not self.with_joints:
             raise ArmguardError(
                 "contact_limits",
                 'are given beside motion="isotropic"',
@@ -174,6 +174,11 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     def with_plans(self) -> bool:
         """Whether the controller commits pieces of its path, and has them judged."""
         return self.motion == "planned"
+
+    @property
+    def permits_contact(self) -> bool:
+        """Whether contact limits are stated."""
+        return self.contact_limits is not None
 
     @property
     def has_operating(self) -> bool:

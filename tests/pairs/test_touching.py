@@ -13,6 +13,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.touching import NO_LINK, find_touching_link
 from armguard.robot.kinematics import Kinematics
 from support.panda_monitor import panda
+from support.tick_states import begin_tick
 
 KINEMATICS = Kinematics(panda())
 MOTION = ArmMotion(panda(), 0.02)
@@ -54,7 +55,7 @@ class World:
         )  # fmt: skip
         self.row = self.obstacles.row("body")
         self.state = TickState(KINEMATICS, MOTION, self.obstacles, margin=MARGIN)
-        self.state.begin(NOW, 0.0, np.inf)
+        begin_tick(self.state, NOW, 0.0, np.inf)
         KINEMATICS.place(self.q)
         self.state.prepare_arm(self.q, self.v)
 
