@@ -5,8 +5,9 @@
 In bench_recordings.py people walk through an arm that stands in their way, and such an arm waits
 until they have left. Here each body is a mass behind a skin that the arm's cover pushes aside, and
 a spring draws it back to where it was recorded (`scene/yielding_people.py`). Cases, rules and
-delays are the same. Touched are those bodies that had kept their bounds until then; beyond are
-touches of a surface that is faster than the limit, which without contact limits is 0.
+delays are the same; cases in which the arm goes through itself are left out. Touches are those with
+bodies that had kept their bounds until then. Beyond a limit are touches of a surface that is
+faster; without contact limits that is every touch.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from scene.contestants import Scope
 from scene.limited import RULES, find_open_share
 from scene.plays import BEGIN, Obeyed
 from scene.results import make_table, milliseconds, percent
+from scene.self_contact import meets_itself
 from scene.working_arm import WorkingArm
 from scene.yielding_people import YieldingPeople
 
@@ -47,14 +49,16 @@ class Score(NamedTuple):
 
 
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
-    """One case: an arm obeys all rules, one after the other."""
+    """One case: an arm obeys all rules, one after the other; none if it goes through itself."""
     workplace = Workplace(Run(scope, (), 0, RATE, seconds), case.speed)
+    trajectory = workplace.make_trajectory(case)
+    if meets_itself(trajectory, seconds):
+        return []
     people = YieldingPeople(
         case.path,
         place_base(*PLACEMENTS[case.placement]),
         {name: BOUNDS[name] for name in scope.bounds},
     )
-    trajectory = workplace.make_trajectory(case)
     arm = WorkingArm(trajectory)
     duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN) - BEGIN
     for _ in range(round(duration * RATE)):
