@@ -130,6 +130,7 @@ def find_near_obstacles(
     room: ClampRoom,
     link: int,
     table: JointTable,
+    bodies: States,
     references: States,
     marks: Marks,
     row: int,
@@ -147,6 +148,7 @@ def find_near_obstacles(
         room: Written.
         link: Of the arm.
         table: Where joints can be.
+        bodies: Accepted states of obstacles.
         references: States of obstacles that all later ones are compared with.
         marks: What is known of obstacles.
         row: The one that may be touched.
@@ -161,8 +163,10 @@ def find_near_obstacles(
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
+        # One that stands still is where it is: it has no reference state while nobody watches it.
+        states = bodies if marks.static[other] else references
         is_near, _ = is_obstacle_near(
-            centers[node], reach, references, marks, other, now, table.time[last]
+            centers[node], reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             if count < room.near.shape[0]:
@@ -180,6 +184,7 @@ def find_clamp(
     room: ClampRoom,
     node: int,
     table: JointTable,
+    bodies: States,
     references: States,
     marks: Marks,
     now: float,
@@ -197,7 +202,8 @@ def find_clamp(
         room: With what `find_near_obstacles` filled in; its weights are written.
         node: The sphere.
         table: Where joints can be.
-        references: As for `find_near_obstacles`.
+        bodies: As for `find_near_obstacles`.
+        references: As there.
         marks: What is known of obstacles.
         now: Time of the tick on the obstacles' clock, in [s].
         near_count: What `find_near_obstacles` returned.
@@ -239,8 +245,10 @@ def find_clamp(
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
+        other = room.near[k]
+        states = bodies if marks.static[other] else references
         is_near, speed = is_obstacle_near(
-            centers[node], reach, references, marks, room.near[k], now, table.time[last]
+            centers[node], reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             by_obstacle = True

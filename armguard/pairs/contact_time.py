@@ -324,7 +324,7 @@ def find_near(scene: Scene, link: int, row: int, table: JointTable, now: float, 
     """List the obstacles that a link can clamp a row against, until a table ends; how many."""
     return find_near_obstacles(
         scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table,
-        scene.references, scene.marks, row, now, gap + scene.settings.margin,
+        scene.bodies, scene.references, scene.marks, row, now, gap + scene.settings.margin,
     )  # fmt: skip
 
 
@@ -335,8 +335,8 @@ def find_sphere_clamp(
     """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
     return find_clamp(
         scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, scene.clamp_room, node,
-        table, scene.references, scene.marks, now, near_count, limit.gap + scene.settings.margin,
-        limit.thickness,
+        table, scene.bodies, scene.references, scene.marks, now, near_count,
+        limit.gap + scene.settings.margin, limit.thickness,
     )  # fmt: skip
 
 
