@@ -13,6 +13,7 @@ from armguard.pairs.evaluate import TickState
 from armguard.pairs.touching import NO_LINK, find_touching_link
 from armguard.robot.kinematics import Kinematics
 from support.panda_monitor import panda
+from support.tick_states import begin_tick
 
 KINEMATICS = Kinematics(panda())
 MOTION = ArmMotion(panda(), 0.02)
@@ -54,7 +55,7 @@ class World:
         )  # fmt: skip
         self.row = self.obstacles.row("body")
         self.state = TickState(KINEMATICS, MOTION, self.obstacles, margin=MARGIN)
-        self.state.begin(NOW, 0.0, np.inf)
+        begin_tick(self.state, NOW, 0.0, np.inf)
         KINEMATICS.place(self.q)
         self.state.prepare_arm(self.q, self.v)
 
@@ -126,7 +127,7 @@ def test_velocity_errors_leave_no_sure_receding():
         KINEMATICS.compute(world.q, world.v)
         world.state.prepare_arm(world.q, world.v)
         assert (world.state.scene.arm.velocity_error[LEAVES] > 0.0).any()
-        meets, stays, _ = world.find()
+        _, stays, _ = world.find()
         assert (world.ask() != NO_LINK) == bool(stays)
         seen += bool(stays)
     assert seen > 5

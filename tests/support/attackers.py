@@ -177,12 +177,12 @@ def attack_all(arm, balls, trace, times, count, harm):
 
     Returns that in [m], the ball, the index of the time, and how many balls were near enough to be
     tried one by one; and of contacts that are permitted, and possible, how near the fastest comes
-    to its limit, as a fraction of that; 0 without one.
+    to its limit, as a fraction of that, and how fast any is, in [m/s]; 0 without one.
     """
     rotations, origins, centers = trace
-    worst, who, when, tried, gentle = np.inf, -1, -1, 0, 0.0
+    worst, who, when, tried, gentle, pace = np.inf, -1, -1, 0, 0.0, 0.0
     if count == 0:
-        return worst, who, when, tried, gentle
+        return worst, who, when, tried, gentle, pace
     middle = np.zeros(3)
     for i in range(3):
         middle[i] = centers[:count, :, i].mean()
@@ -206,8 +206,9 @@ def attack_all(arm, balls, trace, times, count, harm):
             reach = balls.speed[b] * times[k]
             for leaf in range(arm.joint.shape[0]):
                 permitted = is_harmless(balls, harm, b, k, leaf)
-                # Of permitted contacts only such are of interest that are nearer to their limit.
-                if permitted and not harm.pace[k, leaf] > gentle * balls.limit[b]:
+                # Of permitted contacts only faster ones are of interest, or nearer to their limit.
+                here = harm.pace[k, leaf]
+                if permitted and not (here > gentle * balls.limit[b] or here > pace):
                     continue
                 x, y, z = centers[k, leaf, 0], centers[k, leaf, 1], centers[k, leaf, 2]
                 contact = arm.radius[leaf] + radius
@@ -226,11 +227,12 @@ def attack_all(arm, balls, trace, times, count, harm):
                         state, balls.accel[b], balls.speed[b], x, y, z, radius, times[k]
                     )
                     if permitted and lacks <= 0.0:
-                        gentle = harm.pace[k, leaf] / balls.limit[b]
+                        pace = max(pace, harm.pace[k, leaf])
+                        gentle = max(gentle, harm.pace[k, leaf] / balls.limit[b])
                         break
                     if lacks < worst and not permitted:
                         worst, who, when = lacks, b, k
-    return worst, who, when, tried, gentle
+    return worst, who, when, tried, gentle, pace
 
 
 @kernel

@@ -39,6 +39,7 @@ def check_unbeaten(score):
     assert (score.too_fast, score.harmful) == (0, 0), score
     # It was a fight, and what limits permit was there to be had.
     assert score.goes > 100
+    assert score.understated == 0
     assert score.closest <= 1.0
 
 
@@ -152,6 +153,17 @@ def test_a_neighbour_that_grows_ends_what_is_permitted(names, first):
     assert ALLOWED in kinds(verdict)
     see_both(1.01, radius=RADIUS + 0.001)
     verdict = encounter.step()
+    assert verdict.level is Level.STOP
+    assert ALLOWED not in kinds(verdict)
+
+
+def test_a_wall_that_nobody_watches_leaves_what_it_is_far_from_alone():
+    encounter = Encounter(0.005, limits=HARDLY_CLAMPED, ignore=[("*", "wall")])
+    encounter.obstacles.add_static("wall", encounter.place(2.0), RADIUS)
+    assert ALLOWED in kinds(encounter.go(4))
+    encounter.obstacles.remove(["wall"])
+    encounter.obstacles.add_static("wall", encounter.place(0.04), RADIUS)
+    verdict = encounter.go(1)
     assert verdict.level is Level.STOP
     assert ALLOWED not in kinds(verdict)
 
