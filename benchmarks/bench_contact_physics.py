@@ -29,11 +29,13 @@ from support.contact_attacks import CLAMP, LOOPS, LUNGE, PARTS, REST, THROW, Att
 from support.contact_physics import Arm
 
 ARMS = "panda", "ur5", "xarm7"
-MODES = *(REST,) * 5, LUNGE, THROW, CLAMP, CLAMP
+MODES = *(REST,) * 4, LUNGE, THROW, *(CLAMP,) * 4
 AT_REST, MOVING, CLAMPED, FLUNG = "at rest", "moving", "clamped", "moving, clamped"
 JUDGED = AT_REST, MOVING, CLAMPED
 """What a part does when it is touched. One that is clamped while it moves presses by its own
 motion, which no limit of the arm's covers."""
+CREEP = 0.3, 0.1
+"""Operating velocity and acceleration of an arm that clamps, in [rad/s] and [rad/s²]."""
 CHUNK = 250  # contacts of a part at rest that one process simulates before it reports
 ROUNDING = 1e-3  # of the simulation, as a share of a limit
 CONTROL_SHARE = 0.02  # of the contacts
@@ -111,11 +113,21 @@ def simulate(task: Task) -> tuple[Task, Tally]:
         np.minimum(task.pace * robot.velocity_limit, 1.5),
         np.minimum(robot.acceleration_limit, task.accel),
     )
-    fight = Fight(Arm(robot), operating, [task.seed], with_limits=task.with_limits)
+    # A clamped part may be pressed a few millimetres only, which takes an arm that creeps.
+    creeping = OperatingLimits(
+        np.minimum(robot.velocity_limit, CREEP[0]), np.minimum(robot.acceleration_limit, CREEP[1])
+    )
+    arm = Arm(robot)
+    quick, slow = (
+        Fight(arm, limits, [task.seed], with_limits=task.with_limits)
+        for limits in (operating, creeping)
+    )
     random, tally = np.random.default_rng([task.seed, 1]), Tally()
     while len(tally.shares[AT_REST]) < task.contacts:
         part, loop = PARTS[random.integers(len(PARTS))], LOOPS[random.integers(len(LOOPS))]
-        attack = fight.attack(part, MODES[random.integers(len(MODES))], loop)
+        mode = MODES[random.integers(len(MODES))]
+        fight = slow if mode == CLAMP and task.with_limits else quick
+        attack = fight.attack(part, mode, loop)
         if attack is not None:
             tally.add(attack)
     return task, tally

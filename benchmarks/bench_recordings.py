@@ -29,14 +29,15 @@ from typing import NamedTuple
 import numpy as np
 from rich.progress import Progress
 
-from armguard.lab.simulation import keeps_within, random_trajectory
+from armguard.lab.simulation import JointTrajectory, keeps_within, random_trajectory
 from armguard.robot import Robot
 from scene.contestants import NOT_OBEYED, Scope, make_rules
 from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
+from scene.results import Found
 from scene.stop_rules import Rule, Setting
-from scene.usefulness import Found, write_page
+from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
 
 BOUNDS = {"10 m/s², 2 m/s": (10.0, 2.0), "by body part": None}
@@ -105,20 +106,19 @@ class Workplace:
         self._run, period = run, 1.0 / run.rate
         self._fraction = speed / float(np.max(robot.velocity_limit))
         self._accept = keeps_within(robot, *WORKSPACE)
-        self._stage = Stage(robot, period)
-        self._rules = [
+        self.stage = Stage(robot, period)
+        self.rules = [
             rule
             for setting in run.scope.settings()
             for rule in make_rules(robot, self._fraction, run.scope, setting, period)
         ]
 
-    def play(self, case: Case, people: People) -> Iterator[Found]:
-        """One case: all rules judge it, then those of the obeying settings are obeyed."""
-        run, robot = self._run, self.robot
-        recordings = find_recordings()
-        trajectory = random_trajectory(
+    def make_trajectory(self, case: Case) -> JointTrajectory:
+        """What the arm does in a case if it may."""
+        robot = self.robot
+        return random_trajectory(
             robot,
-            100 * case.seed + recordings.index(case.path),
+            100 * case.seed + find_recordings().index(case.path),
             TRAJECTORY,
             speed_fraction=self._fraction,
             acceleration_fraction=float(
@@ -127,22 +127,26 @@ class Workplace:
             accept=self._accept,
         )
 
+    def play(self, case: Case, people: People) -> Iterator[Found]:
+        """One case: all rules judge it, then those of the obeying settings are obeyed."""
+        run, trajectory = self._run, self.make_trajectory(case)
+
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed
             return Found(case.speed, rule.name, rule.setting, how, *where, outcome)
 
-        judged = self._stage.judge(people, WorkingArm(trajectory), self._rules, run.seconds)
-        for rule, outcome in zip(self._rules, judged, strict=True):
+        judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
+        for rule, outcome in zip(self.rules, judged, strict=True):
             yield found(rule, "goes on", outcome)
         if case.placement >= run.obeying_placements:
             return
-        for rule in self._rules:
+        for rule in self.rules:
             if rule.setting not in run.obeying or rule.name in NOT_OBEYED:
                 continue
             has_scale = rule.has_scale and rule.clean
             for how in ("obeys", "obeys the scale")[: 2 if has_scale else 1]:
                 arm, by_scale = WorkingArm(trajectory), how == "obeys the scale"
-                obeyed = self._stage.obey(people, arm, rule, run.seconds, by_scale=by_scale)
+                obeyed = self.stage.obey(people, arm, rule, run.seconds, by_scale=by_scale)
                 yield found(rule, how, obeyed)
 
 

@@ -225,6 +225,8 @@ class RateLoop:
         state = edge.joints.state
         if state is None:
             verdict = _wait_for_joints(now, edge.joints.dropped_age)
+            if self.monitor.settings.contact_limits is not None:
+                verdict = verdict._replace(contact_speed=math.inf)
         else:
             verdict = self.monitor.step(state.stamp, state.q, state.v, now)
         judged = read_clock()

@@ -17,6 +17,7 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.checks import check_duration
+from armguard.bounds.displacement import thrown_velocity
 from armguard.bounds.joint import JointSpaceMotion
 from armguard.bounds.joint_table import JointTable, fill_table, set_span
 from armguard.bounds.limits import JointLimits, check_state, find_flaw, refuse_flaw
@@ -26,6 +27,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.robot.brakes import find_stop, rest_time
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
@@ -259,7 +261,7 @@ def _tabulate(
     flaw: int = find_flaw(q, velocity, limits)
     if flaw >= 0:
         return flaw
-    _spread_nodes(velocity, age, free, paced, table.time)
+    _spread_nodes(q, velocity, age, free, paced, table.time)
     fill_table(q, velocity, age, max(age, 0.0) + free, paced, table)
     if pace < 1.0 and age > 0.0:
         # Until now a joint kept to its limits alone: what that adds to where it can be.
@@ -275,15 +277,27 @@ def _tabulate(
 
 @kernel
 def _spread_nodes(
-    v: FloatArray, age: float, free: float, limits: JointLimits, time: FloatArray
+    q: FloatArray,
+    v: FloatArray,
+    age: float,
+    free: float,
+    limits: JointLimits,
+    time: FloatArray,
 ) -> None:
-    """Fill the times of a table: up to `free`, and from then until all joints rest."""
+    """Fill the times of a table: up to `free`, and from then until all joints rest.
+
+    One that is thrown back from its stop before brakes engage may be faster than operating limits
+    allow, and rest later.
+    """
     rest = (
         compute_stop_time(
             v, limits.velocity_error, limits.operating_velocity, limits.acceleration,
             limits.brakes, age, free, 0.0, limits.operating_acceleration,
         )[0] - free
     )  # fmt: skip
+    for j in range(v.shape[0]):
+        thrown = thrown_velocity(q[j], v[j], limits, j, max(age, 0.0) + free)
+        rest = max(rest, rest_time(find_stop(limits.brakes, j, thrown), thrown))
     braking = time.shape[0] - 1 - FREE_NODES
     for k in range(FREE_NODES):
         time[k] = free * k / FREE_NODES

@@ -149,6 +149,28 @@ def reached_velocity(
 
 
 @kernel
+def thrown_velocity(q: float, v: float, limits: JointLimits, joint: int, s: float) -> float:
+    """Greatest speed, either way, that a joint can have `s` seconds from its stamp off its stop.
+
+    0 where it cannot have got to either stop by then.
+
+    Args:
+        q: Its measured position, in [rad] or [m].
+        v: Its measured velocity, in [rad]/[s] or [m]/[s].
+        limits: Of all joints.
+        joint: Which one it is.
+        s: In [s].
+    """
+    accel, speeding = limits.acceleration[joint], limits.operating_acceleration[joint]
+    top = max(limits.operating_velocity[joint], abs(v))
+    error, off = limits.velocity_error[joint], limits.position_error[joint]
+    above = operating_arrival(v + error, accel, speeding, top, limits.upper[joint] - q - off)
+    below = operating_arrival(error - v, accel, speeding, top, q - limits.lower[joint] - off)
+    since = s - min(above, below)
+    return min(top, accel * since) if since > 0.0 else 0.0
+
+
+@kernel
 def braked_velocity(speed: float, stop: Stop, s: float) -> float:
     """Greatest velocity `s` seconds after brakes engaged at a velocity of at most `speed`."""
     if not speed > 0.0 or s >= rest_time(stop, speed) * (1.0 + SUM_ROUNDING):

@@ -55,6 +55,7 @@ def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
     packed: list[Any] = [
         field.tobytes() if isinstance(field, np.ndarray) else field for field in fields
     ]
+    radius, accel, speed, position_error, velocity_error = packed
     return ObstaclesMessage(
         ids,
         stamp,
@@ -64,7 +65,11 @@ def pack_batch(batch: ObstacleBatch) -> ObstaclesMessage:
         snapshot,
         position.tobytes(),
         None if velocity is None else velocity.tobytes(),
-        *packed,
+        radius,
+        accel,
+        speed,
+        position_error,
+        velocity_error,
         region if region is None or isinstance(region, str) else [str(one) for one in region],
     )
 

@@ -17,6 +17,7 @@ from armguard.bounds import Plan
 from armguard.lab.simulation.bodies import publish_person
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, Robot
+from scene.example_limits import LIMITS, PATTERNS_OF_REGIONS
 
 Floats = NDArray[np.float64]
 
@@ -144,6 +145,20 @@ class Setting(NamedTuple):
     settings: dict[str, Any] = {}  # noqa: RUF012  # nobody writes to it
     """Of the monitor."""
 
+    @property
+    def regions(self) -> dict[str, str] | None:
+        """By pattern of ids, where contact limits are stated; None where they are not."""
+        return PATTERNS_OF_REGIONS if "contact_limits" in self.settings else None
+
+    def with_limits(self) -> Setting:
+        """The same with contact limits."""
+        return self._replace(settings={**self.settings, "contact_limits": LIMITS})
+
+
+WITH_LIMITS = ", contact limits"
+"""What is added to the name of a scene that has them; the scene without it is the same otherwise,
+pose by pose."""
+
 
 def scatter_near(swing: Swing, count: int, nearest: float, outer: float) -> Floats:
     """Places no nearer than so to anything that the swing sweeps, even over a cube about it."""
@@ -166,7 +181,7 @@ def make_settings(swing: Swing) -> dict[str, Setting]:
     around = [Person(f"person{k}", 1.2 + 0.2 * k, bearing) for k, bearing in enumerate((0, 2, 4))]
     parts = Balls("part", scatter_near(swing, 20, 0.35, 1.2), PART, 0.0)
     one = (Person("person", 1.1, -math.pi / 2.0),)
-    return {
+    scenes = {
         "person at 1.1 m": Setting(one),
         "person at 1.3 m": Setting((Person("person", 1.3, -math.pi / 2.0),)),
         "person at 2 m": Setting((Person("person", 2.0, -math.pi / 2.0),)),
@@ -174,4 +189,10 @@ def make_settings(swing: Swing) -> dict[str, Setting]:
         "3 people, 20 parts": Setting((*around, parts)),
         "1,000 near balls": Setting((balls(1000, 0.2, 4.0),)),
         "5,000 at hand": Setting((balls(5000, 0.02, 0.9, 0.02),)),
+    }
+    with_limits = ("person at 1.1 m", "person, commit", "3 people, 20 parts")
+    return {
+        name + more: setting.with_limits() if more else setting
+        for name, setting in scenes.items()
+        for more in ("", WITH_LIMITS)[: 2 if name in with_limits else 1]
     }

@@ -30,6 +30,7 @@ class Leaves:
         self.radius = spheres.radius[self._leaves].copy()
         self.link = spheres.link[self._leaves].copy()
         self.moves = self.kinematics.placement.moves[spheres.joint[spheres.root]]
+        self._moves = self.kinematics.placement.moves[spheres.joint[self._leaves]]
         self.reach = JointMotion(robot).lever.max(axis=0)
 
     def place(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -37,6 +38,13 @@ class Leaves:
         self.kinematics.compute(q, v)
         self.centers = self.kinematics.centers[self._leaves]
         self.velocities = self.kinematics.velocities[self._leaves]
+        self._v = v
+
+    @property
+    def spins(self) -> np.ndarray:
+        """Angular velocities of the spheres, in [rad]/[s]. Shape (n, 3)."""
+        found: np.ndarray = (self._moves * self._v) @ self.kinematics.placement.jacobian[:, 3:]
+        return found
 
     def gaps(self, ends: np.ndarray, radii: np.ndarray) -> np.ndarray:
         """Distance of the whole arm from each body, below 0 in contact, in [m]. Shape (bodies,).

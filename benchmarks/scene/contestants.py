@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from armguard.robot import OperatingLimits, Robot
+from scene.example_limits import LIMITS
 from scene.least_rule import LeastRule
 from scene.stop_rules import (
     ContactTimeRule,
@@ -26,6 +27,7 @@ LEFT = ", leave=any"
 NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
 WITH_ERRORS = ", errors included"
+WITH_LIMITS = ", contact limits"
 
 OPERATING_VELOCITY = 1.05
 """Operating velocities, as shares of the top speeds of the arm's trajectories."""
@@ -50,7 +52,7 @@ ORDER = (
     ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION,
     SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, BRAKING,
     BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PIECES,
-    PIECES + LEFT, PIECES + NO_LOAD,
+    PIECES + LEFT, PIECES + NO_LOAD, OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS,
 )  # fmt: skip
 """All rules, as tables have them."""
 
@@ -116,6 +118,15 @@ TARGETS = (
     Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
 )
 
+LIMIT_TARGETS = (
+    (PIECES + WITH_LIMITS, 0.3, 0.35),
+    (PIECES + WITH_LIMITS, 0.8, 0.75),
+    (OPERATING + WITH_LIMITS, 0.3, 0.5),
+    (OPERATING + WITH_LIMITS, 0.8, 0.95),
+)
+"""Rules, speeds in [rad]/[s], and what their share of STOP outside blocked time was to be at most
+at the first reaction, in shares of that of the separation distance."""
+
 
 def make_rules(
     robot: Robot, speed_fraction: float, scope: Scope, setting: Setting, period: float
@@ -159,8 +170,11 @@ def make_rules(
     ]
     if setting.reaction not in scope.extremes:
         return rules
+    limited = {"operating": operating, "contact_limits": LIMITS}
     return [
         *rules,
+        MonitorRule(*given, OPERATING + WITH_LIMITS, **limited),
+        PieceRule(*given, PIECES + WITH_LIMITS, motion="planned", **limited),
         MonitorRule(*given, ISOTROPIC, motion="isotropic"),
         ContactTimeRule(*given, JOINT),
         MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),

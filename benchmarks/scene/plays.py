@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from scene.clearance import Leaves
 from scene.recorded_people import RADII, People
-from scene.stop_rules import LATENCY, Moment, Oracle, Rule
+from scene.stop_rules import HELD, LATENCY, Moment, Oracle, Rule
+from scene.touches import Touch, TouchLog
 from scene.working_arm import WorkingArm
 
 RISE_DELAY = 0.3
 """How long a rule holds a STOP that it does not hold by itself, in [s]."""
+
+CLOSE_STEPS = 10
+"""In which an arm that may touch somebody is followed from tick to tick."""
 
 LISTEN, BEGIN = 0.1, 0.5
 """When rules begin to judge an arm that rests, and when it sets off and counting begins, in [s]."""
@@ -36,6 +40,12 @@ class Judged(NamedTuple):
     """Along its path, in [s]."""
     prices: np.ndarray
     """Of judgements: what each took, in [s]. Shape (ticks,)."""
+    blocked: int
+    """Ticks in which a body is inside the arm's cover."""
+    stopped_blocked: int
+    """Those of them with a STOP."""
+    causes: Counter[str]
+    """Of the other STOPs of a rule with contact limits: how many ticks by cause."""
 
 
 class Obeyed(NamedTuple):
@@ -51,6 +61,12 @@ class Obeyed(NamedTuple):
     """Such contacts with a body that broke its bounds shortly before."""
     progress: float
     """Along its path, in [s]."""
+    blocked: int
+    """Ticks in which a body is inside the arm's cover."""
+    stopped_blocked: int
+    """Those of them with a STOP."""
+    touches: tuple[Touch, ...]
+    """Of an arm that obeys contact limits."""
 
 
 class Holder:
@@ -139,17 +155,24 @@ class Stage:
         brakes, contacts = Brakes(arm, 0.0), Contacts()
         holders = [Holder(0.0 if rule.holds else RISE_DELAY) for rule in rules]
         oracles = [rule for rule in rules if isinstance(rule, Oracle)]
-        count = np.zeros((len(rules), 5), dtype=int)
+        count = np.zeros((len(rules), 7), dtype=int)
+        causes = [Counter[str]() for _ in rules]
         prices: list[list[float]] = [[] for _ in rules]
         hits = 0
         for moment in self._moments(people, arm, rules, seconds):
             counts = moment.counts
             frame, says, kept = people.frame(moment.since), [], []
+            is_blocked = bool(moment.gaps.min() <= 0.0)
             for k, (rule, holder) in enumerate(zip(rules, holders, strict=True)):
-                says.append(holder.update(moment.now, rule.judge(moment)))
+                is_safe = rule.judge(moment)
+                says.append(holder.update(moment.now, is_safe))
                 broke = people.streams[rule.setting.bounds, rule.clean].broke[frame]
                 kept.append(counts and not (rule.clean and broke.any()))
                 count[k, :2] += kept[k], kept[k] and says[k]
+                if is_blocked:
+                    count[k, 5:] += kept[k], kept[k] and says[k]
+                elif rule.limits is not None and kept[k] and says[k]:
+                    causes[k][HELD if is_safe else rule.cause] += 1
                 if counts:
                     prices[k].append(rule.price)
             for oracle in oracles:
@@ -166,8 +189,8 @@ class Stage:
             brakes.tell(moment.now, not counts)
             brakes.run(moment.now, self._period)
         return [
-            Judged(*row, hits, arm.progress, np.array(price))
-            for row, price in zip(count.tolist(), prices, strict=True)
+            Judged(*row[:5], hits, arm.progress, np.array(price), *row[5:], cause)
+            for row, price, cause in zip(count.tolist(), prices, causes, strict=True)
         ]
 
     def obey(
@@ -177,7 +200,10 @@ class Stage:
         arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
-        ticks = stopped = stops = missed = beyond = 0
+        log = None
+        if people.yields or rule.limits is not None:
+            log = TouchLog(np.zeros(len(RADII)) if rule.limits is None else rule.limits)
+        ticks = stopped = stops = missed = beyond = blocked = stopped_blocked = 0
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops
             stop = holder.update(moment.now, rule.judge(moment))
@@ -185,18 +211,48 @@ class Stage:
                 ticks += 1
                 stopped += stop
                 stops += stop and not before
+                is_blocked = bool(moment.gaps.min() <= 0.0)
+                blocked += is_blocked
+                stopped_blocked += is_blocked and stop
                 for body in np.flatnonzero(contacts.begun(moment)):
                     broken = _was_broken(moment, rule, int(body), 0.0)
                     beyond += broken
                     missed += not broken
             brakes.tell(moment.now, stop or not moment.counts)
-            brakes.run(moment.now, self._period, rule.speed_limit if by_scale else np.inf)
-        return Obeyed(ticks, stopped, stops, missed, beyond, arm.progress)
+            speed_limit = rule.speed_limit if by_scale else np.inf
+            if log is None:
+                brakes.run(moment.now, self._period, speed_limit)
+            else:
+                self._run_closely(moment, brakes, rule, speed_limit, log)
+        touches = () if log is None else log.touches
+        counts = ticks, stopped, stops, missed, beyond
+        return Obeyed(*counts, arm.progress, blocked, stopped_blocked, touches)
+
+    def _run_closely(
+        self,
+        moment: Moment,
+        brakes: Brakes,
+        rule: Rule,
+        speed_limit: np.ndarray | float,
+        log: TouchLog,
+    ) -> None:
+        """Let the arm move until the next tick, and follow what it touches meanwhile."""
+        people, leaves, dt = moment.people, self._leaves, self._period / CLOSE_STEPS
+        stream = people.streams[rule.setting.bounds, rule.clean]
+        for step in range(CLOSE_STEPS):
+            brakes.run(moment.now + step * dt, dt, speed_limit)
+            since = moment.since + (step + 1) * dt
+            leaves.place(moment.arm.q, moment.arm.v)
+            people.advance(since, dt, leaves)
+            frame = min(people.frame(since) + 1, len(people.ends) - 1)
+            broken = stream.broke[frame] | people.is_filled[frame]
+            log.follow(since, dt, leaves, people.ends_at(since), broken)
 
     def _moments(  # type: ignore[no-untyped-def]
         self, people: People, arm: WorkingArm, rules: list[Rule], seconds: float
     ):
         begin, period = self._clock, self._period
+        people.reset()
         for rule in rules:
             rule.begin(people, begin)
         duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN)

@@ -26,6 +26,7 @@ from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import States, make_states
 from armguard.people import BOUNDS, find_bounds, measure_motion
+from scene.clearance import Leaves
 
 MEMORY = 1.0
 """How far back, in [s], a clean sample agrees with all others."""
@@ -146,6 +147,9 @@ class People:
         streams: By name of the bounds and whether it is clean.
     """
 
+    yields = False
+    """Whether an arm that touches them moves them."""
+
     def __init__(
         self,
         path: Path,
@@ -177,6 +181,12 @@ class People:
             claim = make_claim(recording, pair)
             for clean in (False, True):
                 self.streams[name, clean] = Stream(recording, claim, clean)
+
+    def reset(self) -> None:
+        """Begin a case."""
+
+    def advance(self, since: float, dt: float, leaves: Leaves) -> None:
+        """Let them move until a time in [s], for so long; recorded people yield to no arm."""
 
     def frame(self, time: float) -> int:
         """The last frame at a time in [s] since it began."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 import math
 import time
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,9 +21,11 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.settings.separation_rule import HUMAN_SPEED
-from armguard.verdict import Effect, Level, ReasonKind
+from armguard.verdict import Effect, Level, Reason, ReasonKind
 from scene.clearance import Leaves, is_separate
+from scene.example_limits import PATTERNS_OF_REGIONS
 from scene.recorded_people import RADII, People
+from scene.touches import find_speed_limits
 from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
 TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 1e-3, 0.01
@@ -106,9 +109,14 @@ class Rule:
         speed_limit: What joints are to keep to by its last judgement that let the arm go on, in
             [rad]/[s]: a STOP is for the brakes, and takes as long for whoever obeys. Shape (nv,).
         price: Time that the last judgement took, in [s].
+        limits: How fast a surface may be that touches each body, in [m]/[s], shape (bodies,); None:
+            nothing may be touched.
+        cause: Why the last judgement was STOP, where contact limits are stated.
     """
 
     holds = goes_at_once = has_scale = False
+    limits: np.ndarray | None = None
+    cause = ""
 
     def __init__(
         self,
@@ -232,7 +240,10 @@ class MonitorRule(Rule):
         **options: Any,
     ) -> None:
         super().__init__(robot, setting, period, name, payload=payload, clean=clean)
-        self._table = Obstacles()
+        contact_limits = options.get("contact_limits")
+        if contact_limits is not None:
+            self.limits = find_speed_limits(contact_limits, PATTERNS_OF_REGIONS)
+        self._table = Obstacles(regions=None if self.limits is None else PATTERNS_OF_REGIONS)
         self.monitor = Monitor(
             robot,
             self._table,
@@ -269,6 +280,7 @@ class MonitorRule(Rule):
     def _judge(self, moment: Moment) -> bool:
         self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
         if self.verdict.level is Level.STOP:
+            self.cause = find_cause(self.verdict.reasons)
             return False
         self.speed_limit = self.verdict.speed_scale * self._speeds
         return True
@@ -313,6 +325,8 @@ class PieceRule(MonitorRule):
             return not moment.counts
         kinds = {reason.kind for reason in self.verdict.reasons}
         broken_off = {ReasonKind.PLAN_VOID, ReasonKind.PIECE_UNSAFE}
+        # Where the arm touches somebody as is permitted, it runs its piece to the end.
+        kinds.discard(ReasonKind.IN_CONTACT)
         if kinds & broken_off or any(kind.effect is Effect.STANDING for kind in kinds):
             self._until = -math.inf
         left = self._until - now - timing.latency
@@ -321,10 +335,29 @@ class PieceRule(MonitorRule):
         ticks = max(1, round(PIECE / timing.period))
         times = np.linspace(0.0, ticks * timing.period + timing.latency, ticks + 2)
         piece = self.monitor.with_stop(make_plan(now, times, *arm.preview(times)))
-        if self.monitor.commit(piece).safe:
+        answer = self.monitor.commit(piece)
+        if answer.safe:
             self._until = now + float(times[-1])
             return True
+        self.cause = find_cause(answer.reasons)
         return left > 1e-9
+
+
+HELD = "held"
+"""The cause of a STOP that lasts although nothing calls for it any more."""
+
+
+def find_cause(reasons: Iterable[Reason]) -> str:
+    """Why an arm has to stop, in short: the obstacle that could be touched, or what else it is."""
+    for reason in reasons:
+        if reason.kind is ReasonKind.HOLD:
+            return HELD
+        if reason.kind in (ReasonKind.CONTACT, ReasonKind.PLAN_UNSAFE):
+            return reason.subject.rpartition(" and ")[2]
+        if reason.subject == "last step":
+            return reason.detail.removeprefix("was a STOP: ").partition(":")[0]
+        return reason.kind.text
+    return "unknown"
 
 
 def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,112 +12,26 @@ from scene.contestants import (
     LEAST,
     NO_LOAD,
     ORACLE,
-    ORDER,
     SEPARATION,
     TARGETS,
+    WITH_LIMITS,
     Scope,
     Target,
 )
+from scene.limited import write_limits
 from scene.plays import RISE_DELAY, Judged, Obeyed
+from scene.results import (
+    Found,
+    Results,
+    in_words,
+    make_table,
+    milliseconds,
+    percent,
+)
 from scene.stop_rules import LATENCY, PERIOD, Setting
 
 HEADER = Path(__file__).with_name("usefulness_head.md")
 """What stands above the tables, with places for what a run fills in."""
-
-
-class Found(NamedTuple):
-    """What became of one rule in one case."""
-
-    speed: float
-    """Of the fastest joint, in [rad]/[s]."""
-    rule: str
-    setting: Setting
-    how: str
-    """What the arm does about it: "goes on", "obeys" or "obeys the scale"."""
-    recording: str
-    placement: int
-    seed: int
-    outcome: Judged | Obeyed
-
-
-class Results:
-    """Everything that was found, asked by what matters.
-
-    Args:
-        found: All of it.
-        camera: With which the oracle judges: it makes no difference to it, in [s].
-        rate: Ticks a second.
-    """
-
-    def __init__(self, found: Iterable[Found], camera: float, rate: float) -> None:
-        self._camera, self._rate = camera, rate
-        self.found = list(found)
-        self._by: dict[tuple[float, str, Setting, str], list[Found]] = {}
-        for one in self.found:
-            self._by.setdefault((one.speed, one.rule, one.setting, one.how), []).append(one)
-        self.speeds = list(dict.fromkeys(one.speed for one in self.found))
-        self.rules = sorted({one.rule for one in self.found}, key=ORDER.index)
-        # Every rule judged the same arm, which obeyed nobody.
-        self._free = {
-            (one.speed, one.recording, one.placement, one.seed): one.outcome
-            for one in self.found
-            if isinstance(one.outcome, Judged)
-        }
-
-    def of(
-        self,
-        speed: float,
-        rule: str,
-        setting: Setting,
-        how: str = "goes on",
-        **where: object,
-    ) -> list[Found]:
-        """Of one rule in one setting; `where` are fields of `Found` and their values."""
-        if rule.startswith(ORACLE):
-            setting = setting._replace(camera=self._camera)
-        return [
-            one
-            for one in self._by.get((speed, rule, setting, how), [])
-            if all(getattr(one, key) == x for key, x in where.items())
-        ]
-
-    def share(self, *what: object, **where: object) -> float:
-        """Share of time in STOP; NaN where there is none."""
-        outcomes = [one.outcome for one in self.of(*what, **where)]  # type: ignore[arg-type]
-        ticks = sum(outcome.ticks for outcome in outcomes)
-        return sum(outcome.stopped for outcome in outcomes) / ticks if ticks else np.nan
-
-    def total(self, field: str, *what: object, **where: object) -> int:
-        """Sum of a count over cases."""
-        return sum(getattr(one.outcome, field) for one in self.of(*what, **where))  # type: ignore[arg-type]
-
-    def lost(self, *what: object) -> float:
-        """Share of its work that an arm that obeys did not do; NaN where there is none."""
-        found = self.of(*what)  # type: ignore[arg-type]
-        free = [self._free[one.speed, one.recording, one.placement, one.seed] for one in found]
-        whole = sum(outcome.progress for outcome in free)
-        done = sum(one.outcome.progress for one in found)
-        return 1.0 - done / whole if whole else np.nan
-
-    def minutes(self, *what: object) -> float:
-        """How long that was."""
-        return self.total("ticks", *what) / self._rate / 60.0
-
-    def stops(self, *what: object) -> float:
-        """How often it was told to stop, a minute."""
-        return self.total("stops", *what) / self.minutes(*what)
-
-    def hits(self, speed: float, among: Iterable[Found] | None = None) -> int:
-        """Contacts of an arm that obeys nobody, in all cases or those that occur here."""
-        cases = {
-            (one.speed, one.recording, one.placement, one.seed)
-            for one in (self.found if among is None else among)
-        }
-        return sum(
-            outcome.hits
-            for case, outcome in self._free.items()
-            if case[0] == speed and case in cases and isinstance(outcome, Judged)
-        )
 
 
 def write_page(
@@ -139,15 +52,20 @@ def write_page(
         command: What was called.
         machine: What it was measured on.
     """
-    results = Results(found, scope.cameras[0], rate)
+    found = list(found)
+    limited = write_limits(found, scope, rate)
+    # Where contact is permitted there is nothing that they miss: they have a part of their own.
+    results = Results(
+        [one for one in found if not one.rule.endswith(WITH_LIMITS)], scope.cameras[0], rate
+    )
     speed = results.speeds[0]
     judged = results.of(speed, SEPARATION, scope.usual)
     parts = [
         HEADER.read_text(encoding="utf-8").format(
-            recordings=_count(len({one.recording for one in judged}), "recording", "recordings"),
+            recordings=in_words(len({one.recording for one in judged}), "recording", "recordings"),
             minutes=results.minutes(speed, SEPARATION, scope.usual),
-            seeds=_count(len({one.seed for one in judged}), "trajectory", "trajectories"),
-            placements=_count(len({one.placement for one in judged}), "place", "places"),
+            seeds=in_words(len({one.seed for one in judged}), "trajectory", "trajectories"),
+            placements=in_words(len({one.placement for one in judged}), "place", "places"),
             rules="\n".join(
                 f"  - **{rule}**: {text}" for rule, text in DESCRIPTIONS.items()
                 if rule in results.rules
@@ -163,6 +81,7 @@ def write_page(
     parts += _beside_rivals(results, scope)
     parts += _spread(results, scope)
     parts += _obeying(results, scope)
+    parts += limited
     parts += _missed(results, scope)
     parts += _prices(Results(priced, scope.cameras[0], rate), scope.usual)
     return "\n".join(parts) + "\n"
@@ -177,14 +96,14 @@ def _targets(results: Results, scope: Scope) -> list[str]:
                 cells = [_target_cells(results, target, x, setting) for x in results.speeds]
                 if any(cells):
                     what = f"{target.rule} ÷ {target.rival}, at most {target.most:g}"
-                    first = [what, _milliseconds(setting.reaction), setting.bounds]
+                    first = [what, milliseconds(setting.reaction), setting.bounds]
                     rows.append(first + [one for some in cells for one in some or ["–"] * 4])
     lines = ["## What was aimed at", ""]
     if rows:
         heads = ["ratio of time in STOP", "reaction", "people"]
         for speed in results.speeds:
             heads += [f"{speed:g} rad/s", "aim", "least possible", "by recording"]
-        lines += [*_table(heads, rows), ""]
+        lines += [*make_table(heads, rows), ""]
     rows = [row for setting in _obeyed_settings(scope) for row in _scale_rows(results, setting)]
     if rows:
         text = "An arm that obeys the scale was to lose no more work than one that ignores it, and"
@@ -192,7 +111,7 @@ def _targets(results: Results, scope: Scope) -> list[str]:
         heads = ["rule", "reaction"]
         for speed in results.speeds:
             heads += [f"{speed:g} rad/s: ignores it", "obeys it", "aim"]
-        lines += [text, "", *_table(heads, rows), ""]
+        lines += [text, "", *make_table(heads, rows), ""]
     monitors = [
         one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION, LEAST))
     ]
@@ -224,10 +143,10 @@ def _scale_rows(results: Results, setting: Setting) -> list[list[str]]:
             costs = [(results.lost(*what), results.stops(*what)) for what in (ignoring, obeying)]
             # Percentages and stops a minute, as exact as they are printed.
             is_met = all(round(b, 3) <= round(a, 3) for a, b in zip(*costs, strict=True))
-            cells += [f"{_percent(lost)}, {stops:.1f}" for lost, stops in costs]
+            cells += [f"{percent(lost)}, {stops:.1f}" for lost, stops in costs]
             cells.append("met" if is_met else "not met")
         if cells:
-            rows.append([rule, _milliseconds(setting.reaction), *cells])
+            rows.append([rule, milliseconds(setting.reaction), *cells])
     return rows
 
 
@@ -270,15 +189,15 @@ def _shares(results: Results, scope: Scope) -> list[str]:
     for (camera, bounds), reactions in groups.items():
         rows = []
         columns = [(speed, reaction) for speed in results.speeds for reaction in reactions]
-        heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
+        heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x)}" for speed, x in columns)]
         for rule in results.rules:
             shares = [
                 results.share(speed, rule, Setting(x, camera, bounds)) for speed, x in columns
             ]
             if np.isfinite(shares).any():
-                rows.append([rule, *map(_percent, shares)])
-        lines += [f"Bounds on people: {bounds}. Samples are {_milliseconds(camera)} old.", ""]
-        lines += [*_table(heads, rows), ""]
+                rows.append([rule, *map(percent, shares)])
+        lines += [f"Bounds on people: {bounds}. Samples are {milliseconds(camera)} old.", ""]
+        lines += [*make_table(heads, rows), ""]
     return lines
 
 
@@ -296,9 +215,9 @@ def _beside_rivals(results: Results, scope: Scope) -> list[str]:
             ]
             cells.append(", ".join(f"{ratio:.2f}" if np.isfinite(ratio) else "–" for ratio in pair))
         rows.append([rule, *cells])
-    heads = ["rule", *(f"{speed:g} rad/s, {_milliseconds(x)}" for speed, x in columns)]
+    heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x)}" for speed, x in columns)]
     text = f"The first of these tables as multiples: of the {SEPARATION}, and of what {ORACLE}."
-    return [text, "", *_table(heads, rows), ""]
+    return [text, "", *make_table(heads, rows), ""]
 
 
 def _spread(results: Results, scope: Scope) -> list[str]:
@@ -318,11 +237,11 @@ def _spread(results: Results, scope: Scope) -> list[str]:
                     continue
                 there = [results.share(speed, rule, setting, placement=x) for x in places]
                 middle = (
-                    f"{_percent(np.median(each))} ({_percent(min(each))} to {_percent(max(each))})"
+                    f"{percent(np.median(each))} ({percent(min(each))} to {percent(max(each))})"
                 )
-                rows.append([rule, middle, *map(_percent, each + there)])
-            lines += [f"{speed:g} rad/s, {_milliseconds(setting.reaction)} of reaction.", ""]
-            lines += [*_table(heads, rows), ""]
+                rows.append([rule, middle, *map(percent, each + there)])
+            lines += [f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction.", ""]
+            lines += [*make_table(heads, rows), ""]
     return lines
 
 
@@ -347,9 +266,9 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
                         cells += ["–"] * 5
                         continue
                     cells += [
-                        _percent(results.share(*what)),
+                        percent(results.share(*what)),
                         f"{results.stops(*what):.1f}",
-                        _percent(results.lost(*what)),
+                        percent(results.lost(*what)),
                         str(results.total("missed", *what)),
                         str(results.total("beyond", *what)),
                     ]
@@ -357,10 +276,10 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
                     rows.append([rule, *cells])
             if rows:
                 lines += [
-                    f"{speed:g} rad/s, {_milliseconds(setting.reaction)} of reaction. An arm that"
+                    f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction. An arm that"
                     f" obeys nobody hits the person {results.hits(speed, among)} times.",
                     "",
-                    *_table(heads, rows),
+                    *make_table(heads, rows),
                     "",
                 ]
     return lines if len(lines) > 2 else []
@@ -381,12 +300,12 @@ def _missed(results: Results, scope: Scope) -> list[str]:
                     counts = [results.total(field, speed, rule, x) for x in settings]
                     cells.append(sum(counts))
             if any(cells[2::3]) and rule not in (ORACLE, ORACLE + NO_LOAD):
-                rows.append([rule, f"{bounds}, {_milliseconds(camera)}", *map(str, cells)])
+                rows.append([rule, f"{bounds}, {milliseconds(camera)}", *map(str, cells)])
     hits = ", ".join(f"{results.hits(speed)} at {speed:g} rad/s" for speed in results.speeds)
     text = "Of the ticks in which a STOP was the last one in time, at all reactions together, how"
     text += " many a rule let pass. Nothing asks pieces in this way: see the"
     text += f" contacts of arms that obey them. Contacts of the arm, which goes on: {hits}."
-    return ["## Missed", "", text, "", *_table(heads, rows), ""]
+    return ["## Missed", "", text, "", *make_table(heads, rows), ""]
 
 
 def _prices(results: Results, setting: Setting) -> list[str]:
@@ -407,21 +326,4 @@ def _prices(results: Results, setting: Setting) -> list[str]:
         "At 1 kHz, all in one run, beside one person within the arm's reach. A monitor's tick has"
     )
     text += " its kinematics in it, those of the other rules have not."
-    return ["## Price of a tick", "", text, "", *_table(heads, rows)]
-
-
-def _table(heads: list[str], rows: list[list[str]]) -> list[str]:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return [f"| {' | '.join(line)} |" for line in lines]
-
-
-def _percent(share: float) -> str:
-    return "–" if not np.isfinite(share) else f"{round(100.0 * share, 1) + 0.0:.1f} %"
-
-
-def _milliseconds(time: float) -> str:
-    return f"{1e3 * time:g} ms"
-
-
-def _count(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
+    return ["## Price of a tick", "", text, "", *make_table(heads, rows)]

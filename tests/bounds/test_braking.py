@@ -5,6 +5,9 @@ from armguard.bounds import BrakingMotion, JointMotion
 from armguard.exceptions import ArmguardError
 from armguard.lab.extremes.arms import make_arm
 from armguard.robot import Kinematics, Robot
+from armguard.robot.brakes import find_stop, rest_time
+from armguard.robot.operating_limits import OperatingLimits
+from support.example_arms import load_arm
 from support.motion_questions import HAND_POINT, altered, moderate_state, unit
 
 
@@ -122,3 +125,22 @@ def test_impossible_times_are_refused(robot, models, bad):
         models["braking"].stop_time(q, v, 0.0, bad)
     with pytest.raises(ArmguardError, match="horizon"):
         models["braking"].tabulate(q, v, 0.0, bad)
+
+
+def test_a_joint_that_its_stop_throws_back_rests_before_the_table_ends():
+    """Off its stop it speeds up by what the hardware can, which operating limits do not hold."""
+    robot = load_arm("panda")
+    operating = OperatingLimits.fraction(robot, velocity=0.5, acceleration=0.05)
+    model = BrakingMotion(robot, 0.1, operating=operating)
+    limits, joint, horizon = model.limits, 3, 0.05
+    q = 0.5 * (robot.lower_position_limit + robot.upper_position_limit)
+    v = np.zeros(7)
+    before = model.tabulate(q, v, 0.0, horizon).time[-1]
+    # Right at its stop, and towards it: from then on it may come back.
+    q[joint], v[joint] = robot.upper_position_limit[joint], 0.01
+    table = model.tabulate(q, v, 0.0, horizon)
+    free = horizon + 0.1
+    thrown = min(limits.operating_velocity[joint], limits.acceleration[joint] * free)
+    lasting = rest_time(find_stop(limits.brakes, joint, thrown), thrown)
+    assert table.time[-1] >= free + lasting
+    assert table.time[-1] > before

@@ -102,6 +102,8 @@ class Plan(NamedTuple):
     """Which is to touch."""
     rank: float
     """Which of its points is to touch, by speed: 0 is the fastest."""
+    is_bare: bool
+    """Whether that is one of the points that the cover has next to no room around."""
     radius: float
     """Of the part, in [m]."""
     damping: float
@@ -210,6 +212,7 @@ class Fight:
             )  # fmt: skip
         self.lower = np.maximum(self.robot.lower_position_limit, -math.pi)
         self.upper = np.minimum(self.robot.upper_position_limit, math.pi)
+        self.bare = [self._find_bare(link) for link in self.robot.links]
         self.now = 0.0
         self.obeying = int((LATENCY + REACTION) * RATE + 1e-6)
         self.names: list[str] = []
@@ -241,6 +244,19 @@ class Fight:
         del best[BEST:]
         return attack
 
+    def _find_bare(self, link: str) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices of a link near the surface of its cover, and which way it is nearest."""
+        tree, points = self.robot.cover.tree(link), self.robot.hull(link)
+        leaves = tree.spheres[np.asarray(tree.child_count) == 0]
+        apart = points[:, None] - leaves[None, :, :3]
+        away = np.linalg.norm(apart, axis=2)
+        depth = leaves[:, 3] - away
+        deepest = depth.argmax(axis=1)
+        rows = np.arange(len(points))
+        bare = np.argsort(depth[rows, deepest])[: max(8, len(points) // 10)]
+        outwards = apart[bare, deepest[bare]] / away[bare, deepest[bare], None]
+        return bare, outwards
+
     def _draw(self, part: Part, mode: int) -> Plan:
         random, nv = self.random, len(self.top)
         q = self.lower + (self.upper - self.lower) * random.uniform(0.1, 0.9, nv)
@@ -269,6 +285,7 @@ class Fight:
             turn=random.uniform(0.0, 0.3),
             link=count - 1 - int(count * random.random() ** 2),
             rank=random.random() ** 3,
+            is_bare=random.random() < (0.8 if mode == CLAMP else 0.5),
             radius=float(random.choice([0.03, 0.05, 0.08])),
             damping=float(random.choice([0.0, 0.05, 0.3])),
             speed=speed,
@@ -335,12 +352,21 @@ class Fight:
             where.append(arm.hulls[plan.link] @ rotation.T + arm.places[joint])
         moved = (where[1] - where[0]) * RATE
         speed = np.linalg.norm(moved, axis=1)
-        chosen = np.argsort(-speed)[int(plan.rank * len(speed))]
-        # Of the points that move so, the one in front.
-        front = int(np.argmax(where[0] @ moved[chosen]))
-        if not speed[front] > 0.01:
+        if plan.is_bare:
+            bare, outwards = self.bare[plan.link]
+            outwards = outwards @ rotation.T
+            ahead = np.einsum("ij,ij->i", outwards, moved[bare])
+            chosen = int(np.argsort(-ahead)[int(plan.rank * len(ahead))])
+            front, direction = int(bare[chosen]), outwards[chosen]
+            if not ahead[chosen] > 0.3 * speed[front]:
+                return None
+        else:
+            # Of the points that move as the chosen one does, the one in front.
+            chosen = np.argsort(-speed)[int(plan.rank * len(speed))]
+            front = int(np.argmax(where[0] @ moved[chosen]))
+            direction = moved[front] / max(speed[front], 1e-9)
+        if not speed[front] > 0.005:
             return None
-        direction = moved[front] / speed[front]
         center = where[0][front] + plan.radius * direction
         if plan.mode == CLAMP and not direction[2] < -0.5:
             return None

@@ -96,6 +96,103 @@ def test_a_rule_that_lets_everything_pass_is_found_out(load, trajectory, people)
     assert missed > 0
 
 
+def test_contact_limits_are_those_of_the_bodies(load):
+    touches, example = load("scene.touches"), load("scene.example_limits")
+    names = load("scene.recorded_people").NAMES
+    speeds = touches.find_speed_limits(example.LIMITS, example.PATTERNS_OF_REGIONS)
+    found = dict(zip(names, speeds, strict=True))
+    assert found["head"] == 0.0
+    # As the literature quotes them.
+    assert found["left_hand"] == found["right_hand"] == pytest.approx(1.32, abs=0.01)
+    assert found["left_elbow"] == pytest.approx(1.13, abs=0.01)
+    assert found["left_shoulder"] == pytest.approx(1.0, abs=0.01)
+    assert found["collar"] == found["hip"] == pytest.approx(0.28, abs=0.01)
+
+
+def test_a_touch_is_as_deep_and_fast_as_it_is(load, trajectory):
+    leaves = load("scene.clearance").Leaves(trajectory.robot)
+    find_touch = load("scene.touches").find_touch
+    random, dt = np.random.default_rng(5), 1e-6
+    for _ in range(20):
+        q, v = trajectory.sample(random.uniform(0.0, trajectory.duration))
+        place = leaves.kinematics.data.oMi
+        leaves.place(q, v)
+        center = leaves.centers[random.integers(len(leaves.radius))]
+        ends = np.tile(center + random.normal(size=3) * 0.05, (2, 1))
+        depth, speed, pressing = find_touch(
+            leaves.centers, leaves.velocities, leaves.spins, leaves.radius, ends, 0.05
+        )
+        ways = ends[0] - leaves.centers
+        distances = np.linalg.norm(ways, axis=1)
+        depths = leaves.radius + 0.05 - distances
+        assert depth == pytest.approx(depths.max())
+        # Points of the surface, carried by their links.
+        touching = np.flatnonzero(depths >= 0.0)
+        points = (leaves.centers + leaves.radius[:, None] * ways / distances[:, None])[touching]
+        joints = leaves.kinematics.spheres.joint[leaves._leaves[touching]]
+        before = [place[j].actInv(x) for j, x in zip(joints.tolist(), points, strict=True)]
+        leaves.place(q + dt * v, v)
+        moved = np.array([place[j].act(x) for j, x in zip(joints.tolist(), before, strict=True)])
+        rates = (moved - points) / dt
+        assert speed == pytest.approx(np.linalg.norm(rates, axis=1).max(), abs=1e-4)
+        along = (rates * ways[touching] / distances[touching, None]).sum(axis=1)
+        assert pressing == pytest.approx(max(0.0, along.max()), abs=1e-4)
+
+
+def test_touches_are_followed_from_an_arm_that_moves(load, trajectory):
+    touches, people = load("scene.touches"), load("scene.recorded_people")
+    leaves = load("scene.clearance").Leaves(trajectory.robot)
+    q, v = trajectory.sample(3.0)
+    leaves.place(q, v)
+    far, broken = np.full((9, 2, 3), 50.0), np.zeros(9, bool)
+    near = far.copy()
+    head = people.NAMES.index("head")
+    near[head] = leaves.centers[-1]
+    log = touches.TouchLog(np.zeros(9))
+    leaves.place(q, 0.0 * v)
+    log.follow(0.0, 0.1, leaves, near, broken)
+    assert not log.touches
+    leaves.place(q, v)
+    for since, ends in ((0.1, near), (0.2, near), (0.3, far), (0.4, near)):
+        log.follow(since, 0.1, leaves, ends, broken)
+    first, second = log.touches
+    assert (first.body, first.begin, second.begin) == ("head", 0.1, 0.4)
+    assert first.duration == pytest.approx(0.1)
+    assert second.duration == 0.0
+    assert first.speed == first.fastest > 0.0
+    assert first.depth > people.RADII[head]
+    assert first.is_beyond
+
+
+def test_an_arm_with_contact_limits_keeps_them(load, trajectory, people):
+    """And one that obeys nobody is found out."""
+    rules, plays = load("scene.stop_rules"), load("scene.plays")
+    example, arm = load("scene.example_limits"), load("scene.working_arm").WorkingArm
+    robot, given = trajectory.robot, (trajectory.robot, make_setting(load), PERIOD)
+    operating = OperatingLimits.fraction(robot, velocity=0.32, acceleration=0.27)
+    limited = {"operating": operating, "contact_limits": example.LIMITS}
+
+    class Blind(rules.Rule):
+        def judge(self, moment):
+            return True
+
+    blind = Blind(*given, "blind")
+    monitor = rules.MonitorRule(*given, "limited", **limited)
+    pieces = rules.PieceRule(*given, "pieces", motion="planned", **limited)
+    blind.limits = np.zeros(9)  # nothing may be touched
+    stage = plays.Stage(robot, PERIOD)
+    beyond = dict.fromkeys((blind.name, monitor.name, pieces.name), 0)
+    for person in people:
+        for rule in (blind, monitor, pieces):
+            obeyed = stage.obey(person, arm(trajectory), rule, 2.0, by_scale=False)
+            assert obeyed.stopped_blocked <= obeyed.blocked <= obeyed.ticks
+            beyond[rule.name] += sum(one.is_beyond for one in obeyed.touches if one.is_promised)
+            if rule is not blind:
+                assert obeyed.stopped_blocked == obeyed.blocked
+    assert beyond.pop(blind.name) > 0
+    assert not any(beyond.values())
+
+
 def test_the_separation_is_the_one_of_the_formula(load, trajectory):
     rules = load("scene.stop_rules")
     bodies = load("scene.recorded_people")
@@ -265,3 +362,38 @@ def test_verdicts_take_effect_when_they_must(load):
     goes = [end for end, (_, go) in zip(ends, steps, strict=True) if go]
     assert max(goes) == pytest.approx(0.015 + 0.022)
     assert min(goes) > 0.002
+
+
+def test_a_body_takes_up_no_more_than_it_brings_and_comes_back(load):
+    """A surface that moves on at v runs into a mass: its skin takes up m v² / 2 at most."""
+    yielding = load("scene.yielding_people")
+    speed, radius, mass, stiffness, dt = 0.5, 0.1, 0.6, 75e3, 1e-5
+    ends = np.tile([0.0, 0.0, 0.0], (1, 2, 1))
+    offset, drift = np.zeros((1, 3)), np.zeros((1, 3))
+
+    def move(x):
+        centers = np.array([[x, 0.0, 0.0]])
+        yielding.yield_to(
+            centers, np.array([[speed, 0.0, 0.0]]), np.array([radius]), ends, np.array([radius]),
+            np.array([stiffness]), np.array([mass]), offset, drift, dt,
+        )  # fmt: skip
+        return max(0.0, x + 2.0 * radius - offset[0, 0])
+
+    deepest = max(move(speed * k * dt - 2.0 * radius) for k in range(4000))
+    assert 0.3 < 0.5 * stiffness * deepest**2 / (0.5 * mass * speed**2) <= 1.0
+    assert offset[0, 0] > 0.01
+    for _ in range(300_000):
+        move(-5.0)
+    np.testing.assert_allclose(offset, 0.0, atol=1e-3)
+    np.testing.assert_allclose(drift, 0.0, atol=1e-3)
+
+
+def test_the_benchmark_of_yielding_people_runs(load, capsys):
+    find_recordings(load("bench_recordings"))
+    arguments = "--speeds 0.8 --reactions 0.02 --seconds 0.3 --recordings 1"
+    scores = load("bench_yielding").main(arguments.split())
+    assert {score.rule for score in scores} == set(load("scene.limited").RULES)
+    for score in scores:
+        assert 0 <= score.outcome.stopped <= score.outcome.ticks <= 30
+        assert score.outcome.progress <= score.free
+    assert "work lost" in capsys.readouterr().out

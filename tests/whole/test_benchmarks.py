@@ -237,9 +237,11 @@ def test_a_short_run_on_awareness(load, capsys, monkeypatch):
 def test_the_benchmark_beside_people_runs_and_nothing_in_it_is_refused(load, capsys):
     bench = load("bench_near")
     runs = bench.main(["--only", "at 1.1", "5,000", "--ticks", "30", "--turns", "1", "--warm", "5"])
-    person, crowd = runs
-    assert not (person.refused | crowd.refused)
-    assert len(person.steps) == len(crowd.steps) == 30
+    person, limited, crowd = runs
+    assert not (person.refused | limited.refused | crowd.refused)
+    assert len(person.steps) == len(limited.steps) == len(crowd.steps) == 30
+    assert limited.obstacles.table.regions.any()
+    assert not person.obstacles.table.regions[person.obstacles.table.alive].max() > 1
     assert crowd.levels[Level.STOP] == 30
     assert person.levels[Level.SLOW] == 30
     # Most of what is known of them lasts: fewer than a single evaluation of each pair.
