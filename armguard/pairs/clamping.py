@@ -130,6 +130,7 @@ def find_near_obstacles(
     room: ClampRoom,
     link: int,
     table: JointTable,
+    last: int,
     bodies: States,
     references: States,
     marks: Marks,
@@ -148,6 +149,7 @@ def find_near_obstacles(
         room: Written.
         link: Of the arm.
         table: Where joints can be.
+        last: Number of the node until whose time it is asked, above 0.
         bodies: Accepted states of obstacles.
         references: States of obstacles that all later ones are compared with.
         marks: What is known of obstacles.
@@ -156,7 +158,6 @@ def find_near_obstacles(
         gap: How near is near, in [m].
     """
     node = tree.root[link]
-    last = table.time.shape[0] - 1
     set_span(table, 0, last, 1.0)
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     count = 0
@@ -184,6 +185,7 @@ def find_clamp(
     room: ClampRoom,
     node: int,
     table: JointTable,
+    last: int,
     bodies: States,
     references: States,
     marks: Marks,
@@ -192,7 +194,7 @@ def find_clamp(
     gap: float,
     thickness: float,
 ) -> Clamp:
-    """What a sphere of the arm can clamp a body part against, until the table ends.
+    """What a sphere of the arm can clamp a body part against, until a node's time.
 
     Args:
         placement: Of the arm.
@@ -202,6 +204,7 @@ def find_clamp(
         room: With what `find_near_obstacles` filled in; its weights are written.
         node: The sphere.
         table: Where joints can be.
+        last: Number of the node until whose time it is asked, above 0.
         bodies: As for `find_near_obstacles`.
         references: As there.
         marks: What is known of obstacles.
@@ -211,7 +214,6 @@ def find_clamp(
         thickness: How thick the part is at the least, in [m].
     """
     centers, weight = placement.centers, room.weight
-    last = table.time.shape[0] - 1
     set_span(table, 0, last, 1.0)
     size = table.box.span[2]
     x, y, z = centers[node, 0], centers[node, 1], centers[node, 2]

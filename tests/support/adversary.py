@@ -14,7 +14,8 @@ Either would be a miss, and so would a contact with an arm that is not at rest.
 
 Some balls may be touched, up to a limit. Then a contact is a miss if a point of the leaf that
 touches is truly faster than the limit at that moment, or at any later one before the arm rests; or,
-where another ball comes within a gap of the leaf, if a point goes farther than the limit permits.
+where another ball or link comes within a gap of the leaf, if a point goes farther, or comes nearer
+to that link, than the limit permits.
 What limits permit is counted, so that there is something to be missed.
 """
 
@@ -135,7 +136,9 @@ class Hunt:
         self.harm = attackers.Harm(
             *np.zeros((2, SAMPLES, len(self.arm.joint))),
             *np.zeros((2, SAMPLES, len(self.arm.joint)), np.int64),
+            np.zeros((SAMPLES, len(self.arm.joint))),
         )
+        self.pairs = attackers.list_link_pairs(self.arm)
         self.soon = true_arm.make_trace(self.arm, len(NEAR))
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
@@ -145,6 +148,9 @@ class Hunt:
         self.keeping = response + self.settings["reaction_time"]
         self.obstacles = Obstacles()
         self.monitor = Monitor(robot, self.obstacles, **self.settings)
+        if permissions and not gap > 0.0:
+            # No part is thin enough: else some link is always near, and nothing harmless for long.
+            self.monitor._scheduler.arm.state.scene.contact_limits.thickness.fill(np.inf)
         self.score = Score()
         self.start = self.tick = 0
         self.begin()
@@ -365,6 +371,9 @@ class Hunt:
             true_arm.fill_ways(self.arm, self.traced, count, harm.way)
             attackers.find_company(
                 self.arm, self.balls, self.traced, times, count, self.true_gap, harm
+            )
+            attackers.fill_closing(
+                self.arm, self.pairs, self.traced, count, self.true_gap, harm.closing
             )
         else:
             harm.pace.fill(np.inf)

@@ -12,6 +12,7 @@ import numpy as np
 from armguard.jit.kernels import kernel
 from support.true_arm import find_pace, get_point, rotate
 
+FEW = 3  # points of a leaf whose distances from those of other links are followed
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps
 still and spends all its allowance late; presses on while the arm may go on; switches; roams."""
@@ -43,7 +44,9 @@ class Harm(NamedTuple):
     company: np.ndarray
     """How many balls come within the gap of it from then on."""
     first: np.ndarray
-    """The one that does so first; -1: none."""
+    """One that does so; -1: none."""
+    closing: np.ndarray
+    """How much nearer it comes from then on to another link, within the gap of that, in [m]."""
 
 
 @kernel
@@ -129,6 +132,8 @@ def is_harmless(balls, harm, b, k, leaf):
     pace, limit = harm.pace[k, leaf], balls.limit[b]
     if not (limit > 0.0 and pace <= limit):
         return False
+    if harm.closing[k, leaf] > balls.way[b]:
+        return False
     others = harm.company[k, leaf] - (harm.first[k, leaf] == b)
     return others <= 0 or harm.way[k, leaf] <= balls.way[b]
 
@@ -169,6 +174,53 @@ def find_company(arm, balls, trace, times, count, gap, harm):
                 if comes:
                     harm.company[k, leaf] += 1
                     harm.first[k, leaf] = b
+
+
+def list_link_pairs(arm):
+    """Pairs of leaves whose distance more than one joint can change. Shape (m, 2)."""
+    carried = []
+    for joint in arm.joint:
+        own, k = set(), joint
+        while k >= 0:
+            own.add(int(k))
+            k = arm.parent[k]
+        carried.append(own)
+    count = len(carried)
+    pairs = [(a, b) for a in range(count) for b in range(a) if len(carried[a] ^ carried[b]) > 1]
+    return np.array(pairs, dtype=np.int64)
+
+
+@kernel
+def fill_closing(arm, pairs, trace, count, gap, closing):
+    """Fill how much nearer points of each leaf come to points of others, (times, leaves).
+
+    From each time on, of points that are within a gap of each other once they are nearest.
+    """
+    rotations, origins, centers = trace
+    closing[:count] = 0.0
+    if not gap > 0.0 or count == 0:
+        return
+    last = count - 1
+    for i in range(pairs.shape[0]):
+        a, b = pairs[i, 0], pairs[i, 1]
+        square = ((centers[last, a] - centers[last, b]) ** 2).sum()
+        if square > (arm.radius[a] + arm.radius[b] + gap) ** 2:
+            continue
+        for m in range(arm.first[a], min(arm.first[a] + FEW, arm.first[a + 1])):
+            for n in range(arm.first[b], min(arm.first[b] + FEW, arm.first[b + 1])):
+                nearest = np.inf
+                for k in range(last, -1, -1):
+                    x, y, z = get_point(arm, rotations[k], origins[k], a, m)
+                    u, v, w = get_point(arm, rotations[k], origins[k], b, n)
+                    away = np.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
+                    nearest = min(nearest, away)
+                    if nearest <= gap:
+                        closes = away - nearest
+                        closing[k, a] = max(closing[k, a], closes)
+                        closing[k, b] = max(closing[k, b], closes)
+    for k in range(last - 1, -1, -1):
+        for leaf in range(arm.joint.shape[0]):
+            closing[k, leaf] = max(closing[k, leaf], closing[k + 1, leaf])
 
 
 @kernel

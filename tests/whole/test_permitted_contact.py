@@ -17,17 +17,17 @@ HARDLY_CLAMPED = ContactLimits(
                           gap=0.05, thickness=9.0)}
 )  # fmt: skip
 """0.8 m/s, and 2 mm where it is clamped."""
-ANY_WAY, GAP = 100.0, 0.3
+ANY_WAY, GAP = 100.0, 0.15
 
 
-def permissions(truth=1.0):
+def permissions(truth=1.0, *, factor=1.0):
     """So that clamping plays no part."""
-    limits = ("hand", 0.1), ("forearm", 0.25), ("chest", 0.6)
+    limits = ("hand", 0.1 * factor), ("forearm", 0.25 * factor), ("chest", 0.6 * factor)
     return [permit(region, speed, ANY_WAY, truth=truth) for region, speed in limits]
 
 
 def clamping_permissions(told_way=None):
-    limits = ("hand", 0.2, 0.0004), ("forearm", 0.5, 0.0015), ("chest", 1.0, 0.005)
+    limits = ("hand", 0.2, 0.001), ("forearm", 0.5, 0.004), ("chest", 1.0, 0.015)
     true = [permit(*limit, GAP) for limit in limits]
     if told_way is None:
         return true
@@ -51,11 +51,30 @@ def test_no_contact_is_faster_than_its_limit(settings):
     assert score.allowed + score.gentle > 5
 
 
+def test_no_contact_does_harm_before_the_harm_time():
+    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(factor=8.0))
+    later = 0
+    while hunt.score.pair_ticks < 1e5:
+        verdict = hunt.advance()
+        assert verdict.harm_time >= verdict.contact_time
+        later += verdict.harm_time > verdict.contact_time
+    check_unbeaten(hunt.score)
+    assert later > 50
+
+
+def hunt_of_clamps(seed, told_way=None):
+    told = clamping_permissions(told_way)
+    return Hunt(panda(), seed, 8, 8, close=True, static=0.3, permissions=told, gap=GAP)
+
+
 def test_no_clamped_part_is_pressed_farther_than_its_limit():
-    hunt = Hunt(
-        panda(), 5, 8, 8, close=True, static=0.3, permissions=clamping_permissions(), gap=GAP
-    )
-    check_unbeaten(hunt.run(1e5))
+    score = hunt_of_clamps(1).run(1e5)
+    check_unbeaten(score)
+    assert score.allowed + score.gentle > 5
+
+
+def test_ways_that_are_truly_shorter_than_told_are_gone():
+    assert hunt_of_clamps(1, ANY_WAY).run(1e5).missed > 2
 
 
 def test_limits_that_are_truly_lower_than_told_are_broken():
