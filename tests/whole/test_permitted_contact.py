@@ -45,7 +45,7 @@ def check_unbeaten(score):
 
 @pytest.mark.parametrize("settings", [{}, {"schedule": "daa"}, {"budget": 80}])
 def test_no_contact_is_faster_than_its_limit(settings):
-    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(), **settings)
+    hunt = Hunt(panda(), 6, 8, 8, close=True, permissions=permissions(), **settings)
     score = hunt.run(1e5)
     check_unbeaten(score)
     assert score.allowed + score.gentle > 5
@@ -68,17 +68,17 @@ def hunt_of_clamps(seed, told_way=None):
 
 
 def test_no_clamped_part_is_pressed_farther_than_its_limit():
-    score = hunt_of_clamps(1).run(1e5)
+    score = hunt_of_clamps(7).run(1e5)
     check_unbeaten(score)
     assert score.allowed + score.gentle > 5
 
 
 def test_ways_that_are_truly_shorter_than_told_are_gone():
-    assert hunt_of_clamps(1, ANY_WAY).run(1e5).missed > 2
+    assert hunt_of_clamps(7, ANY_WAY).run(1e5).missed > 2
 
 
 def test_limits_that_are_truly_lower_than_told_are_broken():
-    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(0.5))
+    hunt = Hunt(panda(), 6, 8, 8, close=True, permissions=permissions(0.2))
     assert hunt.run(1e5).missed > 2
 
 
