@@ -8,7 +8,8 @@ A Panda moves between random points of its workspace, its base at several places
 people were recorded; from the last of these it reaches where they work. First the arm goes on
 whatever is said, so that all rules judge the same states. Then it obeys them, one by one: after the
 delays its brakes act with the deceleration that they guarantee, and once it may, it returns to its
-path. At last it obeys the speed scales too. The page that this writes says how to read it.
+path. At last it obeys the speed scales too. Rules with contact limits have a part of the page of
+their own, with every touch. The page that this writes says how to read it.
 
 Time is judged at 100 Hz, the rate of the recordings. A rule says STOP by what could happen until
 the next tick's STOP would bite, and that time is kept the same at every rate; at 200 Hz and at
@@ -36,6 +37,7 @@ from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
 from scene.results import Found
+from scene.self_contact import meets_itself
 from scene.stop_rules import Rule, Setting
 from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
@@ -130,10 +132,11 @@ class Workplace:
     def play(self, case: Case, people: People) -> Iterator[Found]:
         """One case: all rules judge it, then those of the obeying settings are obeyed."""
         run, trajectory = self._run, self.make_trajectory(case)
+        is_impossible = meets_itself(trajectory, run.seconds)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed
-            return Found(case.speed, rule.name, rule.setting, how, *where, outcome)
+            return Found(case.speed, rule.name, rule.setting, how, *where, outcome, is_impossible)
 
         judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
         for rule, outcome in zip(self.rules, judged, strict=True):

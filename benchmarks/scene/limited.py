@@ -37,16 +37,24 @@ TOUCHES = (
 
 def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]:
     """Lines of that part; none where no rule has limits."""
-    results = Results([one for one in found if one.rule in RULES], scope.cameras[0], rate)
-    if not any(one.rule.endswith(WITH_LIMITS) for one in results.found):
+    found = [one for one in found if one.rule in RULES]
+    cases = {(one.speed, one.recording, one.placement, one.seed) for one in found}
+    impossible = {
+        (one.speed, one.recording, one.placement, one.seed) for one in found if one.meets_itself
+    }
+    possible = [one for one in found if not one.meets_itself]
+    results = Results(possible, scope.cameras[0], rate)
+    if not any(one.rule.endswith(WITH_LIMITS) for one in possible):
         return []
-    limits = ", ".join(
+    limits = "; ".join(
         f"{region} {limit.force:g} N ({limit.transient_force:g} N at an impact),"
         f" {limit.stiffness:g} N/m and {limit.body_mass:g} kg: {limit.max_speed:.2f} m/s"
         for region, limit in LIMITS.by_region.items()
     )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
-    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
+    text = HEADER.read_text(encoding="utf-8").format(
+        source=SOURCE, limits=limits, impossible=len(impossible), cases=len(cases)
+    )
     lines = ["## Contact limits", "", text]
     lines += _shares(results, settings)
     lines += _aims(results, settings)
@@ -121,14 +129,32 @@ def _aims(results: Results, settings: list[Setting]) -> list[str]:
         if shares[1] > 0.0:
             ratio = shares[0] / shares[1]
             met = "met" if ratio <= most else "not met"
-            rows.append([f"{rule} ÷ {SEPARATION}", f"{speed:g} rad/s", f"{most:g}",
-                         f"{ratio:.2f}", met])  # fmt: skip
+            each = _find_ratios(results, rule, speed, settings[0])
+            rows.append(
+                [
+                    f"{rule} ÷ {SEPARATION}", f"{speed:g} rad/s", f"{most:g}", f"{ratio:.2f}", met,
+                    f"{min(each):.2f} to {max(each):.2f}",
+                ]
+            )  # fmt: skip
     if not rows:
         return []
     text = f"What was aimed at, outside blocked time, with {milliseconds(settings[0].reaction)}"
     text += " of reaction:"
-    heads = ["ratio of time in STOP", "speed", "at most", "found", "aim"]
+    heads = ["ratio of time in STOP", "speed", "at most", "found", "aim", "by recording"]
     return [text, "", *make_table(heads, rows), ""]
+
+
+def _find_ratios(results: Results, rule: str, speed: float, setting: Setting) -> list[float]:
+    """By recording, of those in which the separation distance stops at all."""
+    ratios = []
+    for name in dict.fromkeys(one.recording for one in results.found):
+        mine, rival = (
+            find_open_share(one.outcome for one in results.of(speed, each, setting, recording=name))
+            for each in (rule, SEPARATION)
+        )
+        if rival > 0.0:
+            ratios.append(mine / rival)
+    return ratios
 
 
 def _causes(results: Results, settings: list[Setting]) -> list[str]:

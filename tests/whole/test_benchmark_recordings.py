@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armguard.contact import earliest_contact_pair
-from armguard.lab.simulation import random_trajectory
+from armguard.lab.simulation import JointTrajectory, random_trajectory
 from armguard.obstacles import Obstacles
 from armguard.pairs import compute_separation
 from armguard.robot import OperatingLimits, Robot
@@ -397,3 +397,18 @@ def test_the_benchmark_of_yielding_people_runs(load, capsys):
         assert 0 <= score.outcome.stopped <= score.outcome.ticks <= 30
         assert score.outcome.progress <= score.free
     assert "work lost" in capsys.readouterr().out
+
+
+def test_an_arm_that_goes_through_itself_is_found_out(load):
+    robot = Robot.load("panda")
+    meets_itself = load("scene.self_contact").meets_itself
+    upright = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0])
+    folded = np.array([0.0, 0.0, 0.0, -3.0, 0.0, 0.8, 0.0])
+
+    def go(*waypoints):
+        return JointTrajectory(
+            robot, np.stack(waypoints), speed_fraction=0.5, acceleration_fraction=0.4
+        )
+
+    assert not meets_itself(go(upright, upright + 0.2), 1.0)
+    assert meets_itself(go(upright, folded), 10.0)
