@@ -18,6 +18,7 @@ from armguard.robot.kinematics import Kinematics, SphereTree
 FEWEST_PARTS = 6
 """Spheres of a link that stand for it, unless it has fewer."""
 
+
 class LinkGaps(NamedTuple):
     """How distances between spheres of different links can vary; without parts: nobody asks."""
 

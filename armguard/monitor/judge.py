@@ -319,13 +319,13 @@ class Judge:
         pair, speed = self.pieces.permitted
         if pair < 0:
             return NO_CONTACT
-        return PermittedContact(pair, speed, self._scheduler.find_speed_limit(pair))
+        return PermittedContact(pair, speed, self._scheduler.find_speed_limit(pair), speed)
 
     def _find_contact_speed(self, permitted: PermittedContact | None) -> float | None:
         """The verdict's bound on the speed of a contact, in [m/s]."""
         if self._contact_limits is None:
             return None
-        return math.inf if permitted is None else permitted.speed
+        return math.inf if permitted is None else permitted.greatest
 
     def _tell_permitted(self, permitted: PermittedContact) -> Reason:
         """Which contact the level rests on that is permitted, up to which speed, and by whom."""

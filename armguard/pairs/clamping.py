@@ -130,6 +130,8 @@ def find_near_obstacles(
     room: ClampRoom,
     link: int,
     table: JointTable,
+    last: int,
+    bodies: States,
     references: States,
     marks: Marks,
     row: int,
@@ -147,6 +149,8 @@ def find_near_obstacles(
         room: Written.
         link: Of the arm.
         table: Where joints can be.
+        last: Number of the node until whose time it is asked, above 0.
+        bodies: Accepted states of obstacles.
         references: States of obstacles that all later ones are compared with.
         marks: What is known of obstacles.
         row: The one that may be touched.
@@ -154,15 +158,16 @@ def find_near_obstacles(
         gap: How near is near, in [m].
     """
     node = tree.root[link]
-    last = table.time.shape[0] - 1
     set_span(table, 0, last, 1.0)
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     count = 0
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
+        # One that stands still is where it is: it has no reference state while nobody watches it.
+        states = bodies if marks.static[other] else references
         is_near, _ = is_obstacle_near(
-            centers[node], reach, references, marks, other, now, table.time[last]
+            centers[node], reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             if count < room.near.shape[0]:
@@ -180,6 +185,8 @@ def find_clamp(
     room: ClampRoom,
     node: int,
     table: JointTable,
+    last: int,
+    bodies: States,
     references: States,
     marks: Marks,
     now: float,
@@ -187,7 +194,7 @@ def find_clamp(
     gap: float,
     thickness: float,
 ) -> Clamp:
-    """What a sphere of the arm can clamp a body part against, until the table ends.
+    """What a sphere of the arm can clamp a body part against, until a node's time.
 
     Args:
         placement: Of the arm.
@@ -197,7 +204,9 @@ def find_clamp(
         room: With what `find_near_obstacles` filled in; its weights are written.
         node: The sphere.
         table: Where joints can be.
-        references: As for `find_near_obstacles`.
+        last: Number of the node until whose time it is asked, above 0.
+        bodies: As for `find_near_obstacles`.
+        references: As there.
         marks: What is known of obstacles.
         now: Time of the tick on the obstacles' clock, in [s].
         near_count: What `find_near_obstacles` returned.
@@ -205,7 +214,6 @@ def find_clamp(
         thickness: How thick the part is at the least, in [m].
     """
     centers, weight = placement.centers, room.weight
-    last = table.time.shape[0] - 1
     set_span(table, 0, last, 1.0)
     size = table.box.span[2]
     x, y, z = centers[node, 0], centers[node, 1], centers[node, 2]
@@ -239,8 +247,10 @@ def find_clamp(
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
+        other = room.near[k]
+        states = bodies if marks.static[other] else references
         is_near, speed = is_obstacle_near(
-            centers[node], reach, references, marks, room.near[k], now, table.time[last]
+            centers[node], reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             by_obstacle = True

@@ -28,7 +28,7 @@ from armguard.contact.advancement import row_contact_time
 from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.arrays import BoolArray
 from armguard.jit.kernels import kernel, separate_kernel
-from armguard.jit.numerics import TERM_ROUNDING
+from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
@@ -320,23 +320,31 @@ def moves_of(scene: Scene, node: int) -> BoolArray:
 
 
 @kernel
-def find_near(scene: Scene, link: int, row: int, table: JointTable, now: float, gap: float) -> int:
-    """List the obstacles that a link can clamp a row against, until a table ends; how many."""
+def find_near(
+    scene: Scene, link: int, row: int, table: JointTable, last: int, now: float, gap: float
+) -> int:
+    """List the obstacles that a link can clamp a row against, until a node's time; how many."""
     return find_near_obstacles(
-        scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table,
-        scene.references, scene.marks, row, now, gap + scene.settings.margin,
+        scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table, last,
+        scene.bodies, scene.references, scene.marks, row, now, gap + scene.settings.margin,
     )  # fmt: skip
 
 
 @kernel
 def find_sphere_clamp(
-    scene: Scene, node: int, table: JointTable, now: float, near_count: int, limit: ContactLimit
+    scene: Scene,
+    node: int,
+    table: JointTable,
+    last: int,
+    now: float,
+    near_count: int,
+    limit: ContactLimit,
 ) -> Clamp:
     """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
     return find_clamp(
         scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, scene.clamp_room, node,
-        table, scene.references, scene.marks, now, near_count, limit.gap + scene.settings.margin,
-        limit.thickness,
+        table, last, scene.bodies, scene.references, scene.marks, now, near_count,
+        limit.gap + scene.settings.margin, limit.thickness,
     )  # fmt: skip
 
 
@@ -345,18 +353,25 @@ def link_harmless_time(scene: Scene, link: int, row: int, now: float, limit: Con
     """Up to when no contact of a link and an obstacle can do harm, in [s] from the tick.
 
     By the tick's table of free joints, so the arm must be prepared. Where the link can clamp the
-    obstacle it could press it until it rests; 0 then.
+    obstacle it could press it until it rests, so that it ends before. Whoever relies on it makes
+    the arm rest by then, so what could clamp later does not matter.
     """
-    node = scene.tree.root[link]
+    table, node = scene.table, scene.tree.root[link]
     time: float = harmless_time(
-        sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), scene.table,
+        sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), table,
         limit.max_speed,
     )  # fmt: skip
-    if not time > 0.0:
-        return 0.0
-    near_count = find_near(scene, link, row, scene.table, now, limit.gap)
-    clamp = find_sphere_clamp(scene, node, scene.table, now, near_count, limit)
-    return 0.0 if clamp.by_link or clamp.by_obstacle else time
+    last = 0
+    while table.time[last] < time:
+        last += 1
+    # Half as long each time, until nothing can be near by then.
+    while last > 0:
+        near_count = find_near(scene, link, row, table, last, now, limit.gap)
+        clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
+        if not (clamp.by_link or clamp.by_obstacle):
+            return min(time, table.time[last] * (1.0 - SUM_ROUNDING))
+        last //= 2
+    return 0.0
 
 
 RESTS, TOUCHES, UNDECIDED = range(3)
@@ -385,7 +400,7 @@ def _is_sphere_safe(
     if is_free_at_once(sphere, table, hull, distance):
         return True, 0.0
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
-    clamp = find_sphere_clamp(scene, node, table, now, near_count, limit)
+    clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed, np.inf)
     if clamp.by_link or clamp.by_obstacle:
         short = find_short_way_node(
@@ -437,7 +452,8 @@ def rests_in_time(
             if near_count < 0:
                 near_count = 0
                 if limit.max_speed > 0.0:
-                    near_count = find_near(scene, link, row, scene.braking, now, limit.gap)
+                    last = scene.braking.time.shape[0] - 1
+                    near_count = find_near(scene, link, row, scene.braking, last, now, limit.gap)
             is_safe, speed = _is_sphere_safe(
                 scene, node, hull_of(bodies, place, age),
                 contact_distance(scene, node, bodies, place), limit, near_count, now,

@@ -874,7 +874,7 @@ def find_touch(handle: Any, moment: Moment, rows: IntArray) -> tuple[int, int]:
 @kernel
 def find_permitted_contact(
     handle: Any, time: float, latest: float, rows: IntArray
-) -> tuple[int, int, float, float]:
+) -> tuple[int, int, float, float, float]:
     """The contact that is permitted and possible by some time, of those the one nearest its limit.
 
     Args:
@@ -885,11 +885,13 @@ def find_permitted_contact(
 
     Returns:
         Row and link, NOBODY if there is none; how fast the link's surface is then at most, in
-        [m/s], were the arm told to stop by the next verdict; and its limit.
+        [m/s], were the arm told to stop by the next verdict; its limit; and how fast at most any
+        link is then that may touch.
     """
     scene, certificates = handle.content.scene, handle.content.certificates
     proofs = certificates.proofs
     found_row, found_link, found_speed, found_limit = NOBODY, NOBODY, 0.0, np.inf
+    greatest = 0.0
     for row in rows[: find_below(certificates.expiry_tree, min(latest, LATEST), rows)]:
         limit = limit_of(scene, row).max_speed
         # Where nothing had to be asked, no link gets faster than its limit before the arm rests.
@@ -898,6 +900,7 @@ def find_permitted_contact(
             if proofs.asked_at[place] == time or proofs.until[place] >= time:
                 speed, link = proofs.speed[place], proofs.link[place]
                 break
+        greatest = max(greatest, speed)
         if speed > 0.0 and speed * found_limit >= found_speed * limit:
             found_row, found_link, found_speed, found_limit = row, link, speed, limit
-    return found_row, found_link, found_speed, found_limit
+    return found_row, found_link, found_speed, found_limit, greatest

@@ -157,9 +157,11 @@ class PermittedContact(NamedTuple):
     """How fast the link's surface is then at most, in [m/s]."""
     limit: float
     """How fast it may be, in [m/s]."""
+    greatest: float
+    """How fast any link is at most that may touch something, in [m/s]."""
 
 
-NO_CONTACT = PermittedContact(NOBODY, 0.0, math.inf)
+NO_CONTACT = PermittedContact(NOBODY, 0.0, math.inf, 0.0)
 """That there is no such contact."""
 
 
@@ -557,11 +559,11 @@ class Scheduler:
 
         For a tick whose stop decision was made.
         """
-        row, link, speed, limit = self._find_permitted(
+        row, link, speed, limit, greatest = self._find_permitted(
             self._tick_data, tick.time, tick.time + within, self._candidates
         )
         pair = NOBODY if row == NOBODY else row * self._links + link
-        return PermittedContact(pair, speed, limit)
+        return PermittedContact(pair, speed, limit, greatest)
 
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""

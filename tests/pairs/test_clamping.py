@@ -47,9 +47,10 @@ def ask_clamp(handle, link, node, row, brakes, gap, thickness):
     """How many obstacles are near a link, and what a sphere of it can clamp a row against."""
     scene = handle.content
     table = scene.braking if brakes else scene.table
-    near = find_near(scene, link, row, table, NOW, gap)
+    last = table.time.shape[0] - 1
+    near = find_near(scene, link, row, table, last, NOW, gap)
     limit = ContactLimit(1.0, 1.0, gap, thickness)
-    return near, find_sphere_clamp(scene, node, table, NOW, near, limit)
+    return near, find_sphere_clamp(scene, node, table, last, NOW, near, limit)
 
 
 @kernel

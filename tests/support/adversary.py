@@ -14,7 +14,8 @@ Either would be a miss, and so would a contact with an arm that is not at rest.
 
 Some balls may be touched, up to a limit. Then a contact is a miss if a point of the leaf that
 touches is truly faster than the limit at that moment, or at any later one before the arm rests; or,
-where another ball comes within a gap of the leaf, if a point goes farther than the limit permits.
+where another ball or link comes within a gap of the leaf, if a point goes farther, or comes nearer
+to that link, than the limit permits.
 What limits permit is counted, so that there is something to be missed.
 """
 
@@ -42,6 +43,8 @@ NEAR = np.array([0.01, 0.02, 0.03, 0.04, 0.05])  # when contacts are tried of ne
 SLOW = 0.02, 0.05, 0.1  # fractions of its speeds that an arm keeps to at close quarters
 CLOSE = 0.1, 0.7  # how far from the arm attacks begin at close quarters, in [m]
 VAGUE = 0.3, 2.0  # errors of a vague message, in [m] and [m/s]
+AWAY = 0.3  # from where on an arm that works surely rests before it touches anything, in [m]
+RECONSIDERED = 0.01  # share of messages that say of a ball that it is another part of a body
 HORIZON = 0.4  # for which a contact time is tried, in [s]
 NAMES = itertools.count()
 
@@ -133,7 +136,9 @@ class Hunt:
         self.harm = attackers.Harm(
             *np.zeros((2, SAMPLES, len(self.arm.joint))),
             *np.zeros((2, SAMPLES, len(self.arm.joint)), np.int64),
+            np.zeros((SAMPLES, len(self.arm.joint))),
         )
+        self.pairs = attackers.list_link_pairs(self.arm)
         self.soon = true_arm.make_trace(self.arm, len(NEAR))
         self.step = 1.0 / self.settings["rate"]
         reaction = self.settings["reaction_time"] if true_reaction is None else true_reaction
@@ -143,6 +148,9 @@ class Hunt:
         self.keeping = response + self.settings["reaction_time"]
         self.obstacles = Obstacles()
         self.monitor = Monitor(robot, self.obstacles, **self.settings)
+        if permissions and not gap > 0.0:
+            # No part is thin enough: else some link is always near, and nothing harmless for long.
+            self.monitor._scheduler.arm.state.scene.contact_limits.thickness.fill(np.inf)
         self.score = Score()
         self.start = self.tick = 0
         self.begin()
@@ -203,16 +211,22 @@ class Hunt:
             if mode[b] != WANDER and random.random() < self.static:
                 self._make_static(b)
 
-    def _draw_region(self, b):
-        """Let a ball have one of the limits, or none."""
+    def _draw_region(self, b, at_most=np.inf):
+        """Let a ball have one of the limits up to some speed, or none."""
+        allowed = [one for one in self.permissions if one.limit <= at_most]
         self.regions[b], self.balls.limit[b], self.balls.way[b] = "", 0.0, 0.0
-        number = self.random.integers(-1, len(self.permissions))
+        number = self.random.integers(-1, len(allowed))
         if number >= 0:
-            self.regions[b], _, self.balls.limit[b], self.balls.way[b] = self.permissions[number]
+            self.regions[b], _, self.balls.limit[b], self.balls.way[b] = allowed[number]
 
     def _directions(self, count):
         directions = self.random.normal(size=(count, 3))
         return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+    def _is_away(self, b):
+        """Whether an arm at work surely stops before it touches a ball."""
+        state, radius = self.balls.states[b], self.balls.radius[b]
+        return attackers.nearest_leaf(self.arm, self.room[2], state[:3], radius)[1] > AWAY
 
     def _draw_close(self, state):
         """Place a ball that attacks right beside the arm."""
@@ -232,6 +246,10 @@ class Hunt:
         )
         if away < 0.15:
             balls.states[b, :3] *= 4.0
+        self._add_static(b)
+
+    def _add_static(self, b):
+        balls = self.balls
         self.next[b] = np.iinfo(np.int64).max
         self.obstacles.add_static(self.names[b], balls.states[b, :3], balls.radius[b])
 
@@ -246,6 +264,9 @@ class Hunt:
             seen = self.truth[(n - ticks) % HISTORY, chosen]
             away = self._directions(len(chosen))
             lies = random.random(len(chosen))
+            for b in chosen if self.permissions else ():
+                if random.random() < RECONSIDERED and self._is_away(b):
+                    self._draw_region(b, at_most=balls.limit[b])
             # Most messages say that a ball is farther, and more on its way out, than it is.
             outwards = seen[:, :3] - self.room[2][random.integers(len(self.room[2]))]
             outwards /= np.linalg.norm(outwards, axis=1)[:, None] + 1e-9
@@ -269,7 +290,17 @@ class Hunt:
             self.next[chosen] = n + self.gap[chosen]
 
     def swap_one(self):
-        """A ball that roams leaves, and another one comes in from far away."""
+        """A ball that roams leaves, and another one comes in from far away.
+
+        One that stands still is moved to another place near the arm, where there may be contact.
+        """
+        still = np.flatnonzero(self.balls.speed == 0.0)
+        if self.permissions and len(still):
+            b = self.random.choice(still)
+            self.obstacles.remove([self.names[b]])
+            self.names[b] = _draw_name()
+            self._draw_close(self.balls.states[b])
+            self._add_static(b)
         roaming = np.flatnonzero(self.balls.mode == WANDER)
         if not len(roaming):
             return
@@ -317,8 +348,8 @@ class Hunt:
     def _attack(self, push, free, *, scale=1.0, end=None, harms=True):
         """What the worst attack on an arm lacks that goes on so, and how many balls were near.
 
-        And how near to its limit a contact comes that is permitted. Unless only what `harms` is
-        looked for, every contact counts.
+        And how near to its limit a contact comes that is permitted, and how fast. Unless only
+        what `harms` is looked for, every contact counts.
         """
         random, limits, nv = self.random, self.limits, len(self.q)
         strength = np.zeros(nv) if random.random() < 0.7 else random.random(nv)
@@ -341,12 +372,15 @@ class Hunt:
             attackers.find_company(
                 self.arm, self.balls, self.traced, times, count, self.true_gap, harm
             )
+            attackers.fill_closing(
+                self.arm, self.pairs, self.traced, count, self.true_gap, harm.closing
+            )
         else:
             harm.pace.fill(np.inf)
-        lacks, _, _, tried, gentle = attackers.attack_all(
+        lacks, _, _, tried, gentle, pace = attackers.attack_all(
             self.arm, self.balls, self.traced, times, count, harm
         )
-        return lacks, tried, gentle
+        return lacks, tried, gentle, pace
 
     def try_attacks(self, verdict, late):
         """What could truly happen now, against what was said."""
@@ -354,7 +388,7 @@ class Hunt:
         push = self.push if random.random() < 0.5 else random.choice([-1.0, 1.0], len(self.q))
         free = late + self.free
         if verdict.level > Level.STOP:
-            lacks, tried, gentle = self._attack(push, free)
+            lacks, tried, gentle, pace = self._attack(push, free)
             score = score._replace(
                 goes=score.goes + 1,
                 tried=score.tried + tried,
@@ -362,23 +396,24 @@ class Hunt:
                 worst=min(score.worst, lacks),
                 allowed=score.allowed + int(gentle > 0.0),
                 closest=max(score.closest, gentle),
+                understated=score.understated + int(gentle > 0.0 and pace > verdict.contact_speed),
             )
         if verdict.level is Level.SLOW:
             # In higher levels a scale of 1 promises nothing for longer than the verdict is valid.
-            lacks, _, _ = self._attack(push, free + self.keeping, scale=verdict.speed_scale)
+            lacks, _, _, _ = self._attack(push, free + self.keeping, scale=verdict.speed_scale)
             score = score._replace(
                 too_fast=score.too_fast + int(lacks <= 0.0),
                 worst_scale=min(score.worst_scale, lacks),
             )
         if verdict.contact_time > 0.0 and self.tick % 2 == 0:
             end = min(late + verdict.contact_time, HORIZON) * (1.0 - 1e-9)
-            lacks, _, _ = self._attack(push, np.inf, end=end, harms=False)
+            lacks, _, _, _ = self._attack(push, np.inf, end=end, harms=False)
             score = score._replace(
                 early=score.early + int(lacks <= 0.0), worst_time=min(score.worst_time, lacks)
             )
         if self.permissions and verdict.harm_time > 0.0 and self.tick % 2 == 1:
             end = min(late + verdict.harm_time, HORIZON) * (1.0 - 1e-9)
-            lacks, _, _ = self._attack(push, np.inf, end=end)
+            lacks, _, _, _ = self._attack(push, np.inf, end=end)
             score = score._replace(
                 harmful=score.harmful + int(lacks <= 0.0), worst_harm=min(score.worst_harm, lacks)
             )

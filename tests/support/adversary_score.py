@@ -34,6 +34,8 @@ class Score(NamedTuple):
     """Contacts that limits permit, with an arm that was not at rest."""
     allowed: int = 0
     """Attacks after a GO that could touch the arm before it rests, as limits permit."""
+    understated: int = 0
+    """Of these attacks, those in which a leaf is faster than the verdict's contact speed."""
     closest: float = 0.0
     """How fast a leaf is at the most in these two, as a fraction of its limit."""
     touches: int = 0

@@ -12,6 +12,7 @@ import numpy as np
 from armguard.jit.kernels import kernel
 from support.true_arm import find_pace, get_point, rotate
 
+FEW = 3  # points of a leaf whose distances from those of other links are followed
 HUNT, SPEND, HOARD, EDGE, BANG, WANDER = range(6)
 """What a ball does: chases the arm; rushes after a look and looks harmless before the next; keeps
 still and spends all its allowance late; presses on while the arm may go on; switches; roams."""
@@ -43,7 +44,9 @@ class Harm(NamedTuple):
     company: np.ndarray
     """How many balls come within the gap of it from then on."""
     first: np.ndarray
-    """The one that does so first; -1: none."""
+    """One that does so; -1: none."""
+    closing: np.ndarray
+    """How much nearer it comes from then on to another link, within the gap of that, in [m]."""
 
 
 @kernel
@@ -129,6 +132,8 @@ def is_harmless(balls, harm, b, k, leaf):
     pace, limit = harm.pace[k, leaf], balls.limit[b]
     if not (limit > 0.0 and pace <= limit):
         return False
+    if harm.closing[k, leaf] > balls.way[b]:
+        return False
     others = harm.company[k, leaf] - (harm.first[k, leaf] == b)
     return others <= 0 or harm.way[k, leaf] <= balls.way[b]
 
@@ -171,18 +176,65 @@ def find_company(arm, balls, trace, times, count, gap, harm):
                     harm.first[k, leaf] = b
 
 
+def list_link_pairs(arm):
+    """Pairs of leaves whose distance more than one joint can change. Shape (m, 2)."""
+    carried = []
+    for joint in arm.joint:
+        own, k = set(), joint
+        while k >= 0:
+            own.add(int(k))
+            k = arm.parent[k]
+        carried.append(own)
+    count = len(carried)
+    pairs = [(a, b) for a in range(count) for b in range(a) if len(carried[a] ^ carried[b]) > 1]
+    return np.array(pairs, dtype=np.int64)
+
+
+@kernel
+def fill_closing(arm, pairs, trace, count, gap, closing):
+    """Fill how much nearer points of each leaf come to points of others, (times, leaves).
+
+    From each time on, of points that are within a gap of each other once they are nearest.
+    """
+    rotations, origins, centers = trace
+    closing[:count] = 0.0
+    if not gap > 0.0 or count == 0:
+        return
+    last = count - 1
+    for i in range(pairs.shape[0]):
+        a, b = pairs[i, 0], pairs[i, 1]
+        square = ((centers[last, a] - centers[last, b]) ** 2).sum()
+        if square > (arm.radius[a] + arm.radius[b] + gap) ** 2:
+            continue
+        for m in range(arm.first[a], min(arm.first[a] + FEW, arm.first[a + 1])):
+            for n in range(arm.first[b], min(arm.first[b] + FEW, arm.first[b + 1])):
+                nearest = np.inf
+                for k in range(last, -1, -1):
+                    x, y, z = get_point(arm, rotations[k], origins[k], a, m)
+                    u, v, w = get_point(arm, rotations[k], origins[k], b, n)
+                    away = np.sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
+                    nearest = min(nearest, away)
+                    if nearest <= gap:
+                        closes = away - nearest
+                        closing[k, a] = max(closing[k, a], closes)
+                        closing[k, b] = max(closing[k, b], closes)
+    for k in range(last - 1, -1, -1):
+        for leaf in range(arm.joint.shape[0]):
+            closing[k, leaf] = max(closing[k, leaf], closing[k + 1, leaf])
+
+
 @kernel
 def attack_all(arm, balls, trace, times, count, harm):
     """What the most dangerous ball lacks for a contact at any of the times that does harm.
 
     Returns that in [m], the ball, the index of the time, and how many balls were near enough to be
     tried one by one; and of contacts that are permitted, and possible, how near the fastest comes
-    to its limit, as a fraction of that; 0 without one.
+    to its limit, as a fraction of that, and how fast any is, in [m/s]; 0 without one.
     """
     rotations, origins, centers = trace
-    worst, who, when, tried, gentle = np.inf, -1, -1, 0, 0.0
+    worst, who, when, tried, gentle, pace = np.inf, -1, -1, 0, 0.0, 0.0
     if count == 0:
-        return worst, who, when, tried, gentle
+        return worst, who, when, tried, gentle, pace
     middle = np.zeros(3)
     for i in range(3):
         middle[i] = centers[:count, :, i].mean()
@@ -206,8 +258,9 @@ def attack_all(arm, balls, trace, times, count, harm):
             reach = balls.speed[b] * times[k]
             for leaf in range(arm.joint.shape[0]):
                 permitted = is_harmless(balls, harm, b, k, leaf)
-                # Of permitted contacts only such are of interest that are nearer to their limit.
-                if permitted and not harm.pace[k, leaf] > gentle * balls.limit[b]:
+                # Of permitted contacts only faster ones are of interest, or nearer to their limit.
+                here = harm.pace[k, leaf]
+                if permitted and not (here > gentle * balls.limit[b] or here > pace):
                     continue
                 x, y, z = centers[k, leaf, 0], centers[k, leaf, 1], centers[k, leaf, 2]
                 contact = arm.radius[leaf] + radius
@@ -226,11 +279,12 @@ def attack_all(arm, balls, trace, times, count, harm):
                         state, balls.accel[b], balls.speed[b], x, y, z, radius, times[k]
                     )
                     if permitted and lacks <= 0.0:
-                        gentle = harm.pace[k, leaf] / balls.limit[b]
+                        pace = max(pace, harm.pace[k, leaf])
+                        gentle = max(gentle, harm.pace[k, leaf] / balls.limit[b])
                         break
                     if lacks < worst and not permitted:
                         worst, who, when = lacks, b, k
-    return worst, who, when, tried, gentle
+    return worst, who, when, tried, gentle, pace
 
 
 @kernel

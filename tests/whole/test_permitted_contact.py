@@ -17,17 +17,17 @@ HARDLY_CLAMPED = ContactLimits(
                           gap=0.05, thickness=9.0)}
 )  # fmt: skip
 """0.8 m/s, and 2 mm where it is clamped."""
-ANY_WAY, GAP = 100.0, 0.3
+ANY_WAY, GAP = 100.0, 0.15
 
 
-def permissions(truth=1.0):
+def permissions(truth=1.0, *, factor=1.0):
     """So that clamping plays no part."""
-    limits = ("hand", 0.1), ("forearm", 0.25), ("chest", 0.6)
+    limits = ("hand", 0.1 * factor), ("forearm", 0.25 * factor), ("chest", 0.6 * factor)
     return [permit(region, speed, ANY_WAY, truth=truth) for region, speed in limits]
 
 
 def clamping_permissions(told_way=None):
-    limits = ("hand", 0.2, 0.0004), ("forearm", 0.5, 0.0015), ("chest", 1.0, 0.005)
+    limits = ("hand", 0.2, 0.001), ("forearm", 0.5, 0.004), ("chest", 1.0, 0.015)
     true = [permit(*limit, GAP) for limit in limits]
     if told_way is None:
         return true
@@ -39,26 +39,46 @@ def check_unbeaten(score):
     assert (score.too_fast, score.harmful) == (0, 0), score
     # It was a fight, and what limits permit was there to be had.
     assert score.goes > 100
+    assert score.understated == 0
     assert score.closest <= 1.0
 
 
 @pytest.mark.parametrize("settings", [{}, {"schedule": "daa"}, {"budget": 80}])
 def test_no_contact_is_faster_than_its_limit(settings):
-    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(), **settings)
+    hunt = Hunt(panda(), 6, 8, 8, close=True, permissions=permissions(), **settings)
     score = hunt.run(1e5)
     check_unbeaten(score)
     assert score.allowed + score.gentle > 5
 
 
+def test_no_contact_does_harm_before_the_harm_time():
+    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(factor=8.0))
+    later = 0
+    while hunt.score.pair_ticks < 1e5:
+        verdict = hunt.advance()
+        assert verdict.harm_time >= verdict.contact_time
+        later += verdict.harm_time > verdict.contact_time
+    check_unbeaten(hunt.score)
+    assert later > 50
+
+
+def hunt_of_clamps(seed, told_way=None):
+    told = clamping_permissions(told_way)
+    return Hunt(panda(), seed, 8, 8, close=True, static=0.3, permissions=told, gap=GAP)
+
+
 def test_no_clamped_part_is_pressed_farther_than_its_limit():
-    hunt = Hunt(
-        panda(), 5, 8, 8, close=True, static=0.3, permissions=clamping_permissions(), gap=GAP
-    )
-    check_unbeaten(hunt.run(1e5))
+    score = hunt_of_clamps(7).run(1e5)
+    check_unbeaten(score)
+    assert score.allowed + score.gentle > 5
+
+
+def test_ways_that_are_truly_shorter_than_told_are_gone():
+    assert hunt_of_clamps(7, ANY_WAY).run(1e5).missed > 2
 
 
 def test_limits_that_are_truly_lower_than_told_are_broken():
-    hunt = Hunt(panda(), 1, 8, 8, close=True, permissions=permissions(0.5))
+    hunt = Hunt(panda(), 6, 8, 8, close=True, permissions=permissions(0.2))
     assert hunt.run(1e5).missed > 2
 
 
@@ -152,6 +172,17 @@ def test_a_neighbour_that_grows_ends_what_is_permitted(names, first):
     assert ALLOWED in kinds(verdict)
     see_both(1.01, radius=RADIUS + 0.001)
     verdict = encounter.step()
+    assert verdict.level is Level.STOP
+    assert ALLOWED not in kinds(verdict)
+
+
+def test_a_wall_that_nobody_watches_leaves_what_it_is_far_from_alone():
+    encounter = Encounter(0.005, limits=HARDLY_CLAMPED, ignore=[("*", "wall")])
+    encounter.obstacles.add_static("wall", encounter.place(2.0), RADIUS)
+    assert ALLOWED in kinds(encounter.go(4))
+    encounter.obstacles.remove(["wall"])
+    encounter.obstacles.add_static("wall", encounter.place(0.04), RADIUS)
+    verdict = encounter.go(1)
     assert verdict.level is Level.STOP
     assert ALLOWED not in kinds(verdict)
 
