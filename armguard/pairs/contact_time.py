@@ -349,12 +349,25 @@ def find_sphere_clamp(
 
 
 @kernel
-def link_harmless_time(scene: Scene, link: int, row: int, now: float, limit: ContactLimit) -> float:
-    """Up to when no contact of a link and an obstacle can do harm, in [s] from the tick.
+def find_harm_time(
+    scene: Scene, link: int, row: int, now: float, limit: ContactLimit, contact_time: float
+) -> float:
+    """Before when no contact of a link and an obstacle can do harm, in [s] from the tick.
+
+    A contact that is not permitted comes at the later of two times at the earliest: that of the
+    contact, and that from which on the link can be too fast for it.
 
     By the tick's table of free joints, so the arm must be prepared. Where the link can clamp the
     obstacle it could press it until it rests, so that it ends before. Whoever relies on it makes
     the arm rest by then, so what could clamp later does not matter.
+
+    Args:
+        scene: The tick.
+        link: Of the arm.
+        row: Of the obstacle.
+        now: Time of the tick on the obstacles' clock, in [s].
+        limit: What contact with it is permitted.
+        contact_time: Of both, in [s].
     """
     table, node = scene.table, scene.tree.root[link]
     time: float = harmless_time(
@@ -364,14 +377,14 @@ def link_harmless_time(scene: Scene, link: int, row: int, now: float, limit: Con
     last = 0
     while table.time[last] < time:
         last += 1
-    # Half as long each time, until nothing can be near by then.
-    while last > 0:
-        near_count = find_near(scene, link, row, table, last, now, limit.gap)
-        clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
-        if not (clamp.by_link or clamp.by_obstacle):
-            return min(time, table.time[last] * (1.0 - SUM_ROUNDING))
+    # Half as long each time, until nothing can be near by then, or nothing is gained.
+    while table.time[last] > contact_time:
+        clamp = find_sphere_clamp(scene, node, table, last, now, 0, limit)
+        if not clamp.by_link and find_near(scene, link, row, table, last, now, limit.gap) == 0:
+            harmless = min(time, table.time[last] * (1.0 - SUM_ROUNDING))
+            return max(contact_time, harmless)
         last //= 2
-    return 0.0
+    return contact_time
 
 
 RESTS, TOUCHES, UNDECIDED = range(3)
@@ -379,7 +392,7 @@ RESTS, TOUCHES, UNDECIDED = range(3)
 
 
 @kernel
-def _is_sphere_safe(
+def _is_sphere_harmless(
     scene: Scene,
     node: int,
     hull: Hull,
@@ -388,17 +401,12 @@ def _is_sphere_safe(
     near_count: int,
     now: float,
 ) -> tuple[bool, float]:
-    """Whether a sphere rests, or is harmless for good, before a contact; the speed of a contact.
+    """Whether a sphere is harmless for good before a contact, and a bound on its speed then.
 
-    The speed, in [m]/[s], is a bound; 0 where there is no contact before the arm rests.
+    In [m]/[s]. `near_count` is what `find_near` found for the link.
     """
     sphere, table = sphere_of(scene, node), scene.braking
     last = table.time.shape[0] - 1
-    if not limit.max_speed > 0.0:
-        return is_free_until(sphere, table, hull, distance, last), 0.0
-    # Most spheres are away from the obstacle, or slow enough from the start.
-    if is_free_at_once(sphere, table, hull, distance):
-        return True, 0.0
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
     clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed, np.inf)
@@ -437,27 +445,34 @@ def rests_in_time(
     if not is_known(scene.marks, row):
         return TOUCHES, 0, 0.0
     marks, tree = scene.marks, scene.tree
-    limit = limit_of(scene, row)
+    limit, table = limit_of(scene, row), scene.braking
+    last = table.time.shape[0] - 1
     evaluations, greatest = 0, 0.0
     for number in possible_states(marks, row):
         bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
         # Invariant: whatever the nodes passed so far own rests before it is touched, or is
         # harmless from then on.
         node = tree.root[link]
-        near_count = -1
+        near_count = -1  # not known yet
         while node >= 0:
             if not evaluations < budget:
                 return UNDECIDED, evaluations, 0.0
             evaluations += 1
-            if near_count < 0:
-                near_count = 0
-                if limit.max_speed > 0.0:
-                    last = scene.braking.time.shape[0] - 1
-                    near_count = find_near(scene, link, row, scene.braking, last, now, limit.gap)
-            is_safe, speed = _is_sphere_safe(
-                scene, node, hull_of(bodies, place, age),
-                contact_distance(scene, node, bodies, place), limit, near_count, now,
+            hull, distance = (
+                hull_of(bodies, place, age), contact_distance(scene, node, bodies, place)
             )  # fmt: skip
+            speed = 0.0
+            if not limit.max_speed > 0.0:
+                is_safe = is_free_until(sphere_of(scene, node), table, hull, distance, last)
+            else:
+                # Most spheres are away from the obstacle.
+                is_safe = is_free_at_once(sphere_of(scene, node), table, hull, distance)
+                if not is_safe:
+                    if near_count < 0:
+                        near_count = find_near(scene, link, row, table, last, now, limit.gap)
+                    is_safe, speed = _is_sphere_harmless(
+                        scene, node, hull, distance, limit, near_count, now
+                    )
             if is_safe:
                 greatest = max(greatest, speed)
                 node = tree.skip[node]

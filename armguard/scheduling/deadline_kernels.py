@@ -48,8 +48,8 @@ from armguard.pairs.contact_time import (
     UNDECIDED,
     StatePlace,
     arm_reach_time,
+    find_harm_time,
     limit_of,
-    link_harmless_time,
     link_reach_time,
     link_time,
     pair_time,
@@ -213,15 +213,10 @@ def _enter_pair(
     limit: ContactLimit,
     moment: Moment,
 ) -> float:
-    """Enter until when a pair's certificates hold: up to when it can do no harm, in [s] from now.
-
-    A contact that is not permitted comes at the later of two times at the earliest: that of the
-    contact, and that from which on the link can be too fast for it.
-    """
+    """Enter until when a pair's certificates hold; before when it can do no harm, in [s]."""
     harm_time = contact_time
     if limit.max_speed > 0.0 and contact_time < moment.refinement_threshold:
-        harmless = link_harmless_time(scene, link, row, moment.now, limit)
-        harm_time = max(contact_time, harmless)
+        harm_time = find_harm_time(scene, link, row, moment.now, limit, contact_time)
     certificates.pair_expiry[row, link] = expire(moment.time, contact_time)
     certificates.pair_harm[row, link] = expire(moment.time, harm_time)
     return harm_time
