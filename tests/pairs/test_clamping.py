@@ -15,6 +15,7 @@ from armguard.pairs.clamping import (
     MOST_NEAR,
     Clamp,
     find_short_way_node,
+    is_obstacle_near,
     is_same_person,
 )
 from armguard.pairs.contact_time import find_near, find_sphere_clamp, moves_of, sphere_of
@@ -65,6 +66,12 @@ def ask_short(handle, node, by_link, by_obstacle, speed, max_way):
 @kernel
 def ask_person(handle, row, other):
     return is_same_person(handle.content.marks, row, other)
+
+
+@kernel
+def ask_obstacle(handle, row, reach, now, until):
+    scene = handle.content
+    return is_obstacle_near(np.zeros(3), reach, scene.bodies, scene.marks, row, now, until)
 
 
 class World:
@@ -229,6 +236,44 @@ def test_of_what_nothing_is_known_counts_as_near():
     table.marks.refused[world.rows[1]] = False
     table.reference_states.point_count[world.rows[1]] = 0
     assert world.clamp(link, node)[1].by_obstacle
+
+
+def beside(*, position, **stated):
+    """Whether one obstacle is near a ball of 0.1 m around the origin by 0.2 s after the tick."""
+    _, kinematics, motion, _ = arm_of("panda")
+    obstacles = Obstacles(sources=[], **{"accel": 2.0, "speed": 0.6} | stated.pop("bounds", {}))
+    stamp, velocity = stated.pop("stamp", NOW), stated.pop("velocity", [0.0, 0.0, 0.0])
+    obstacles.update(["cart"], stamp, [[position, 0.0, 0.0]], [velocity], radius=0.05, **stated)
+    none = RegionLimits(*(np.zeros(0) for _ in range(4)))
+    state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
+    return ask_obstacle(state.handle, obstacles.row("cart"), 0.1, NOW, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("stated", "way"),
+    [
+        ({}, 0.04),
+        ({"position_error": 0.03}, 0.07),
+        ({"stamp": NOW - 0.1}, 0.09),
+        ({"velocity": [-0.3, 0.0, 0.0]}, 0.0975),
+        ({"velocity": [-0.3, 0.0, 0.0], "velocity_error": 0.1}, 0.11),
+        # Later than the tick: the body was in front of where it is by then, or behind.
+        ({"velocity": [0.6, 0.0, 0.0], "stamp": NOW + 0.1}, 0.06),
+        ({"velocity": [0.6, 0.0, 0.0], "stamp": NOW + 0.3}, 0.18),
+    ],
+)
+def test_an_obstacle_is_near_that_can_come_within_reach(stated, way):
+    """With a = 2 m/s² and no more than 0.6 m/s, for 0.2 s from the tick."""
+    near, speed = beside(position=0.15 + way - 1e-6, **stated)
+    assert near
+    assert speed == pytest.approx(0.6)
+    assert not beside(position=0.15 + way + 0.4, **stated)[0]
+
+
+@pytest.mark.parametrize("stated", [{}, {"velocity_error": np.inf}])
+def test_an_obstacle_without_bounds_is_near_wherever_it_is(stated):
+    bounds = {"accel": np.inf, "speed": np.inf}
+    assert beside(position=50.0, bounds=bounds, **stated) == (True, np.inf)
 
 
 def test_who_is_of_one_person():
