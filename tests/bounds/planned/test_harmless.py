@@ -253,6 +253,10 @@ def test_a_way_that_is_too_long_is_harmful_where_something_may_be_clamped(robot)
         assert bound_within(*ask, 1e3, 0.999 * ways[slab], -1.0) <= 1e3
         assert bound_within(*ask, 1e3, 0.999 * ways[slab], 0.0) == math.inf
         assert bound_within(*ask, 1e3, ways[slab], 0.0) <= 1e3
+        # What moves by itself goes on until the arm rests.
+        own = 0.3 * (course.end[-1] - course.start[slab])
+        assert bound_within(*ask, 1e3, ways[slab] + 0.999 * own, 0.3) == math.inf
+        assert bound_within(*ask, 1e3, ways[slab] + 1.001 * own, 0.3) <= 1e3
         assert bound_within(*ask, 1e3, math.nan, 0.0) == math.inf
         assert bound_within(*ask, 0.0, math.inf, -1.0) == math.inf
         assert bound_within(*ask, math.nan, math.inf, -1.0) == math.inf
