@@ -164,6 +164,7 @@ def test_bounds_that_a_touched_body_breaks_are_not_told(touched):
         seen |= kinds(touched.step())
     assert IN_CONTACT in seen
     assert BROKEN not in seen
+    assert touched.obstacles.table.accepted.speed[touched.row()] == 1.0
 
 
 def test_a_head_is_no_contact_but_a_stop():

@@ -11,8 +11,10 @@ from armguard import monitor as room_of_monitor
 from armguard.contact import certificate
 from armguard.obstacles import Obstacles
 from armguard.pairs import SeparationRule
+from armguard.robot.operating_limits import OperatingLimits
 from armguard.verdict import Level, ReasonKind
-from support.panda_monitor import HOME, STILL, kinds, make_monitor, see, steps
+from support.panda_monitor import HOME, STILL, kinds, make_monitor, panda, see, steps
+from support.permitted_contact import Encounter
 
 FAR, NEAR, AT_HAND = [8.0, 0.0, 0.5], [1.6, 0.0, 0.5], [0.55, 0.0, 0.5]
 
@@ -184,3 +186,14 @@ def test_a_verdict_is_made_in_one_place():
         )
     ]
     assert makers == [("judge.py", "_make_verdict")]
+
+
+def test_a_permitted_contact_before_the_arm_rests_leaves_no_level_above_aware():
+    """Harm is far off by the margins, so that the level would be CLEAR without it."""
+    slow = OperatingLimits.fraction(panda(), velocity=0.05, acceleration=0.05)
+    encounter = Encounter(0.02, operating=slow, slow_margin=0.001, aware_margin=0.002)
+    verdict = encounter.go(5)
+    assert verdict.contact_time < verdict.stop_time < verdict.harm_time - 0.002
+    assert verdict.level is Level.AWARE
+    assert ReasonKind.CONTACT_ALLOWED in kinds(verdict)
+    assert Encounter(0.5, operating=slow, slow_margin=0.001).go(5).level is Level.CLEAR
