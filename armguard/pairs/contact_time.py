@@ -358,8 +358,8 @@ def find_harm_time(
     contact, and that from which on the link can be too fast for it.
 
     By the tick's table of free joints, so the arm must be prepared. Where the link can clamp the
-    obstacle it could press it until it rests, so that it ends before. Whoever relies on it makes
-    the arm rest by then, so what could clamp later does not matter.
+    obstacle it could press it until it rests, so that it ends before. A level that uses this time
+    lets the arm rest by then, so what could clamp later does not matter.
 
     Args:
         scene: The tick.

@@ -99,8 +99,8 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         for name in ("stiffness", "body_mass"):
             if (getattr(self, name) is not None) != (name in _WAYS[way]):
                 problem = "is missing" if name in _WAYS[way] else "is given"
-                beside = " and ".join(_WAYS[way]) or "speed"
-                raise ArmguardError(name, f"{problem} beside {way}", expected=f"{beside} alone")
+                needed = " and ".join((way, *_WAYS[way]))
+                raise ArmguardError(name, f"{problem} beside {way}", expected=f"{needed} alone")
         if self.transient_force is not None and not (
             self.force is not None and self.transient_force >= self.force
         ):

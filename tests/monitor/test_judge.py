@@ -197,3 +197,14 @@ def test_a_permitted_contact_before_the_arm_rests_leaves_no_level_above_aware():
     assert verdict.level is Level.AWARE
     assert ReasonKind.CONTACT_ALLOWED in kinds(verdict)
     assert Encounter(0.5, operating=slow, slow_margin=0.001).go(5).level is Level.CLEAR
+
+
+@pytest.mark.parametrize("away", [0.04, 1.0])
+def test_harm_may_come_with_contact_where_a_wall_is_within_the_gap(away):
+    """The gap is 0.05 m; the wall is farther off than the hand."""
+    slow = OperatingLimits.fraction(panda(), velocity=0.05, acceleration=0.05)
+    encounter = Encounter(0.02, operating=slow)
+    encounter.obstacles.add_static("wall", encounter.place(away), 0.05)
+    verdict = encounter.go(5)
+    assert verdict.obstacle == "p/hand"
+    assert (verdict.harm_time > verdict.contact_time) == (away > 0.5)

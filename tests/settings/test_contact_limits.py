@@ -118,7 +118,7 @@ def test_0_is_never(way, own):
         ({"speed": 0.9, "body_mass": 0.6}, "^body_mass: is given beside speed"),
         (
             {"energy": 0.5, "body_mass": 0.6, "stiffness": 75e3},
-            "^stiffness: is given beside energy; expected body_mass alone",
+            "^stiffness: is given beside energy; expected energy and body_mass alone",
         ),
         ({"energy": 1e300, "body_mass": 1e-300}, "^energy: comes to inf m/s"),
     ],

@@ -189,7 +189,7 @@ def include(
 ) -> None:
     """Widen the slabs of an arm that waits by where it is on a plan that began so long before.
 
-    And by how fast it is there, where there are velocities.
+    Where there are velocities, they are widened by how fast it is there.
     """
     low, high = np.empty_like(plan.deviation), np.empty_like(plan.deviation)
     for k in range(WAITING_SLABS):
