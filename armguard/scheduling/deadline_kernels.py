@@ -741,7 +741,14 @@ def find_unsafe(
             if row == offending_row:
                 # The others after it, in their order.
                 link = (offending_link + number) % links
-            if not certificates.watched[row, link] or certificates.pair_harm[row, link] > latest:
+            if not certificates.watched[row, link]:
+                continue
+            if certificates.pair_harm[row, link] > latest:
+                # Where it may touch before, that rests on a permission, and may be at the limit.
+                if not certificates.pair_expiry[row, link] > latest:
+                    limit = limit_of(scene, row).max_speed
+                    if limit > permitted:
+                        permitted, permitted_link = limit, link
                 continue
             answer, spent, speed = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
