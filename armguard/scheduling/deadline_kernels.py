@@ -898,10 +898,12 @@ def find_permitted_contact(
         limit = limit_of(scene, row).max_speed
         # Where nothing had to be asked, no link gets faster than its limit before the arm rests.
         speed, link = limit, first_link(certificates.watched, certificates.pair_expiry, row)
-        for place in (stop_place(row, bool(0)), stop_place(row, bool(1))):
-            if proofs.asked_at[place] == time or proofs.until[place] >= time:
-                speed, link = proofs.speed[place], proofs.link[place]
-                break
+        own, paced = stop_place(row, bool(0)), stop_place(row, bool(1))
+        is_proved = _is_proved(scene, certificates, bool(0), row, time, -np.inf)
+        if is_proved or proofs.asked_at[own] == time:
+            speed, link = proofs.speed[own], proofs.link[own]
+        elif proofs.asked_at[paced] == time:
+            speed, link = proofs.speed[paced], proofs.link[paced]
         greatest = max(greatest, speed)
         if speed > 0.0 and speed * found_limit >= found_speed * limit:
             found_row, found_link, found_speed, found_limit = row, link, speed, limit
