@@ -35,7 +35,8 @@ class Premise(enum.Enum):
     EXEMPTIONS = "contact that is ignored does no harm"
     CONTACT = (
         "where contact limits are stated, surfaces of the arm are blunt and padded, what it wears "
-        "or holds is attached, and people have ids and regions of their own"
+        "or holds is attached, no gripper closes on a person, and people have ids and regions of "
+        "their own"
     )
     CLOCKS = "stamps are right within the stated clock errors, and latencies no longer than stated"
     PLACEMENT = "the arm is where its URDF and base placement say, with the tools that they say"
@@ -96,7 +97,7 @@ def _describe_limits(monitor: Monitor) -> str:
         person = own if own == "own" else f"{own:g} m/s"
         told.append(f"{region}: {limit.max_speed:.3g} m/s, person's speed {person}")
     table = monitor.obstacles.table
-    if not (table.alive & table.static).any():
+    if (table.alive & table.static).sum() == len(monitor.obstacles.entrance_rows):
         told.append("no statics are stated: nothing is clamped against floor or table")
     return "; ".join(told)
 

@@ -217,12 +217,11 @@ def find_harmless_node(
     moves: BoolArray,
     table: JointTable,
     max_speed: float,
-    max_way: float,
 ) -> tuple[int, float]:
-    """From when on a sphere of a braking arm is harmless until the arm rests.
+    """From when on a sphere of a braking arm is slow enough until the arm rests.
 
-    From the node's time on no point of the arm inside the sphere is faster than a limit, and none
-    can go farther than a way. At rest both are 0, so that there always is such a node.
+    From the node's time on no point of the arm inside the sphere is faster than a limit. At rest
+    the speed is 0, so that there always is such a node.
 
     Args:
         sphere: Of the arm.
@@ -230,13 +229,12 @@ def find_harmless_node(
         moves: Which joints move it. Shape (nv,).
         table: Of an arm that brakes until it rests, with velocities.
         max_speed: The limit, in [m]/[s], >= 0; at 0, when the arm rests.
-        max_way: The way, in [m]; inf: any.
 
     Returns:
         The node, and the bound on the speed from then on, in [m]/[s].
     """
     last = table.time.shape[0] - 1
-    if not (max_speed > 0.0 and max_way > 0.0):
+    if not max_speed > 0.0:
         return last, 0.0
     count = set_joints(sphere, moves, table.box)
     if count < 0:
@@ -247,10 +245,7 @@ def find_harmless_node(
     node = 0
     while later - sooner > 1:
         speed = speed_from(radius, count, table, node, max_speed)
-        is_harmless = speed <= max_speed
-        if is_harmless and max_way < math.inf:
-            is_harmless = way_from(radius, count, table, node) <= max_way
-        if is_harmless:
+        if speed <= max_speed:
             later, fastest = node, speed
         else:
             sooner = node

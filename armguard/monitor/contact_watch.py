@@ -38,6 +38,8 @@ class ContactWatch:
         self._rest: FloatArray | None = None
         self._tick: Tick | None = None
         self._possible_from = math.inf
+        # What is marked as touched is not judged by its bounds.
+        self._scheduler.arm.obstacles.table.touched[:] = False
 
     @property
     def is_touching(self) -> bool:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.body_regions import REGIONS
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 
@@ -46,12 +45,6 @@ class ContactLimit(NamedTuple):
 def make_no_limits() -> RegionLimits:
     """Of a cell in which nothing may be touched."""
     return RegionLimits(*(np.zeros(0) for _ in RegionLimits._fields))
-
-
-def make_never() -> RegionLimits:
-    """Room for the limits of all regions; as yet, none may be touched."""
-    count = len(REGIONS) + 1
-    return RegionLimits(np.zeros(count), np.zeros(count), np.full(count, np.inf), np.zeros(count))
 
 
 @kernel

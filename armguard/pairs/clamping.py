@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armguard.bounds.free_body import displacement_at, length_above, top_speed
+from armguard.bounds.free_body import free_displacement, length_above, top_speed
 from armguard.bounds.joint_table import JointTable, set_span
 from armguard.bounds.link_gaps import LinkGaps
 from armguard.bounds.surface_speed import set_joints, way_from
@@ -104,22 +104,19 @@ def is_obstacle_near(
     distance, _, _, _ = distance_to_hull(
         center[0], center[1], center[2], bodies.points[other], bodies.velocities[other], count
     )
-    moved = fastest = 0.0
+    pace, error = 0.0, bodies.velocity_error[other]
     for k in range(count):
         velocity = bodies.velocities[other, k]
-        pace = length_above(velocity[0], velocity[1], velocity[2])
-        top = top_speed(pace, bodies.speed[other], bodies.velocity_error[other])
-        fastest = max(fastest, top)
-        for s in (age, age + until):
-            moved = max(
-                moved,
-                displacement_at(pace, bodies.velocity_error[other], bodies.accel[other], top, s),
-            )
+        pace = max(pace, length_above(velocity[0], velocity[1], velocity[2]))
+    top = top_speed(pace, bodies.speed[other], error)
+    # A stamp may be later than the tick; the body may have come from any side then. The way is no
+    # number without any bound, and nothing is away by that.
+    moved = free_displacement(pace + error, bodies.accel[other], top, abs(age) + abs(until))
     reach += bodies.radius[other] + bodies.position_error[other] + moved
     is_away = distance > reach + SUM_ROUNDING * (
         abs(center[0]) + abs(center[1]) + abs(center[2]) + reach + distance
     )
-    return not is_away, fastest
+    return not is_away, top
 
 
 @kernel

@@ -409,7 +409,7 @@ def _is_sphere_harmless(
     last = table.time.shape[0] - 1
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
     clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
-    harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed, np.inf)
+    harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed)
     if clamp.by_link or clamp.by_obstacle:
         short = find_short_way_node(
             sphere, radius, moves, table, scene.clamp_room.weight, clamp, limit.max_way

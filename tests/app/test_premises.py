@@ -34,6 +34,7 @@ def test_the_limits_in_force_stand_beside_the_premise_of_contact():
     )
     for has_table in (False, True):
         obstacles = Obstacles(sources=[])
+        obstacles.add_entrance("door", [5.0, 0.0, 0.5], radius=0.3, detection_time=0.1)
         if has_table:
             obstacles.add_static("table", [0.5, 0.0, -0.5], 0.4)
         _, monitor = make_monitor(obstacles=obstacles, contact_limits=limits)

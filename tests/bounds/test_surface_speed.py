@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from armguard.bounds import BrakingMotion, JointMotion
+from armguard.bounds.joint_table import set_span
 from armguard.bounds.surface_speed import (
     find_harmless_node,
     harmless_time,
     set_joints,
     speed_from,
+    speed_in_box,
     speed_until,
     way_from,
 )
@@ -240,15 +242,13 @@ def test_no_point_of_a_braking_arm_is_faster_or_goes_farther(name, record_proper
         assert holds(found[1], ways).all() or not rests, (case, found[1], ways)
         for _ in range(3):
             max_speed = speeds[0] * random.uniform(0.01, 1.1) + 1e-6
-            max_way = ways[0] * random.uniform(0.01, 1.1) if random.random() < 0.5 else np.inf
-            node, bound = find_harmless_node(*given, max_speed, max_way)
+            node, bound = find_harmless_node(*given, max_speed)
             before = node - 1
             if node + 1 < len(speeds):
                 assert bound == speeds[node] <= max_speed
-                assert ways[node] <= max_way
             else:
                 assert bound == 0.0
-            assert node == 0 or not (speeds[before] <= max_speed and ways[before] <= max_way)
+            assert node == 0 or not speeds[before] <= max_speed
         if done and speeds[0] > 1e-3:
             closest.append((found[0, 0] / speeds[0], found[1, 0] / ways[0]))
     assert ended > 0
@@ -339,7 +339,7 @@ def test_what_is_no_number_is_never_harmless(bad, what):
         braking, free = tables
         last = len(braking.time) - 1
         limit = 1e9 if what != "displacement" else 0.01
-        found = find_harmless_node(sphere, radius, moves, braking, limit, np.inf)
+        found = find_harmless_node(sphere, radius, moves, braking, limit)
         until = harmless_time(sphere, radius, moves, free, limit)
         if what == "displacement":
             assert found[0] > 0
@@ -354,9 +354,9 @@ def test_a_limit_of_zero_asks_for_rest():
     q, v = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.0]), np.full(7, 0.1)
     table = racer.braking.tabulate(q, v, 0.0, 0.0)
     sphere = racer.sphere(len(racer.kinematics.spheres) - 1, q, v)
-    for max_speed, max_way in ((0.0, np.inf), (1.0, 0.0), (np.nan, 1.0), (1.0, np.nan)):
-        assert find_harmless_node(*sphere, table, max_speed, max_way) == (len(table.time) - 1, 0.0)
-    assert find_harmless_node(*sphere, table, 10.0, 10.0)[0] == 0
+    for max_speed in (0.0, np.nan):
+        assert find_harmless_node(*sphere, table, max_speed) == (len(table.time) - 1, 0.0)
+    assert find_harmless_node(*sphere, table, 10.0)[0] == 0
     free = racer.free.tabulate(q, v, 0.0)
     assert harmless_time(*sphere, free, 0.0) == harmless_time(*sphere, free, np.nan) == 0.0
 
@@ -375,3 +375,88 @@ def test_a_joint_that_turns_alone_is_as_fast_as_its_farthest_point():
     fill_bounds(sphere, radius, moves, table, True, speeds, ways)
     exact = 0.5 * (np.hypot(sphere.x, sphere.y) + radius)
     assert exact <= speeds[0] <= 1.01 * exact
+
+
+@kernel
+def ask_box(sphere, radius, moves, slowest, fastest, box):
+    return speed_in_box(radius, set_joints(sphere, moves, box), slowest, fastest, box, np.inf)
+
+
+def bound_by_formula(sphere, radius, moves, slowest, fastest, box):
+    """The bound as the module states it, sum by sum."""
+    joints = np.flatnonzero(moves)
+    turns, lever = box.turning[joints], sphere.lever[joints]
+    axes = sphere.jacobian[3:, joints].T
+    columns = sphere.jacobian[:3, joints].T + np.cross(axes, [sphere.x, sphere.y, sphere.z])
+    high, low, size = box.span[:, joints]
+    error = box.position_error[joints]
+    middle, wide, size = 0.5 * (high + low), 0.5 * (high - low) + error, size + error
+    mean, half = (0.5 * (fastest + sign * slowest)[joints] for sign in (1.0, -1.0))
+    pace = np.abs(mean) + half
+    count = len(joints)
+
+    def keeps(*some):
+        """Whether all but the most distal of some joints turn."""
+        return all(turns[each] for each in sorted(some)[:-1])
+
+    shifted = columns.copy()
+    second = third = broad = 0.0
+    for i in range(count):
+        for j in range(count):
+            if not keeps(i, j):
+                continue
+            shifted[j] += np.cross(axes[min(i, j)], columns[max(i, j)]) * middle[i]
+            second += np.linalg.norm(columns[max(i, j)]) * wide[i] * pace[j]
+            broad += lever[max(i, j)] * size[i] * pace[j]
+            for k in range(count):
+                if keeps(i, j, k):
+                    third += 0.5 * lever[max(i, j, k)] * size[i] * size[k] * pace[j]
+    bend = second + third
+    if broad < bend:
+        shifted, bend = columns, broad
+    x = mean @ shifted
+    square = x @ x + 2.0 * np.abs(shifted @ x) @ half
+    square += half @ np.abs(shifted @ shifted.T) @ half
+    rate = pace[turns].sum()
+    twist = sum(size[i] * pace[j] for j in range(count) for i in range(j) if turns[i] and turns[j])
+    turn = np.linalg.norm(mean[turns] @ axes[turns]) + half[turns].sum() + twist
+    return min(np.sqrt(square) + bend, lever @ pace) + radius * min(turn, rate)
+
+
+@pytest.mark.parametrize("name", ["panda", "tiago"])
+def test_the_bound_is_what_is_proved_of_it(name):
+    """Narrow boxes, in which each sum counts, and wide ones."""
+    robot, random = load_arm(name), np.random.default_rng(ARMS.index(name))
+    racer = Racer(robot)
+    box = racer.free.table.box
+    for size in np.repeat([1e-3, 0.03, 0.2, 1.0], 15):
+        q, v = random_state(robot, random)[:2]
+        node = random.integers(len(racer.kinematics.spheres))
+        sphere, radius, moves = racer.sphere(node, q, v)
+        ends = np.sort(random.uniform(-size, size, (2, len(q))), axis=0)
+        box.span[:] = ends[1], ends[0], np.abs(ends).max(axis=0)
+        slowest, fastest = np.sort(v + 0.3 * random.normal(size=(2, len(q))), axis=0)
+        expected = bound_by_formula(sphere, radius, moves, slowest, fastest, box)
+        found = ask_box(sphere, radius, moves, slowest, fastest, box)
+        assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_way_counts_all_that_joints_go_forth_and_back():
+    """Of joints that may turn round: the whole way is more than that to either side."""
+    robot, random = load_arm("panda"), np.random.default_rng(5)
+    racer = Racer(robot)
+    q, v = random_state(robot, random)
+    table = racer.braking.tabulate(q, v, 0.0, 0.0)
+    sphere, radius, moves = racer.sphere(len(racer.kinematics.spheres) - 1, q, v)
+    last = len(table.time) - 1
+    table.slowest[:last], table.fastest[:last] = np.sort(random.normal(size=(2, last, 7)), axis=0)
+    speeds, ways = np.zeros((2, last + 1))
+    fill_bounds(sphere, radius, moves, table, True, speeds, ways)
+    steps = np.diff(table.time)[:, None]
+    rise, fall = (np.maximum(each[:last], 0.0) * steps for each in (table.fastest, -table.slowest))
+    for node in (0, last // 2, last - 1):
+        up, down, whole = (each[node:].sum(axis=0) for each in (rise, fall, np.maximum(rise, fall)))
+        forth, back = np.where(up >= down, whole, up), np.where(up >= down, down, whole)
+        set_span(table, node, last, 1.0)
+        way = bound_by_formula(sphere, 0.0, moves, -back, forth, table.box)
+        assert ways[node] == pytest.approx(way + radius * whole[moves].sum(), rel=1e-9)

@@ -20,7 +20,7 @@ def approach(encounter, until=-0.01):
     while away > until:
         away -= CREEP
         encounter.see(away=away)
-        verdict = encounter.step()
+        verdict = encounter.step(encounter.q + PERIOD * encounter.v)
     encounter.away = away
     return verdict
 
@@ -54,6 +54,30 @@ def test_a_touch_is_a_stop_from_its_first_tick_on_until_the_hand_leaves():
     assert IN_CONTACT not in kinds(verdict)
     assert verdict.level > Level.STOP
     assert ReasonKind.BOUND_BROKEN not in kinds(verdict)
+    assert not encounter.obstacles.table.touched[encounter.row()]
+
+
+def test_after_a_reset_bounds_of_a_body_that_has_left_are_judged_again(touched):
+    row = touched.row()
+    assert touched.obstacles.table.touched[row]
+    touched.monitor.reset()
+    touched.tick += 300
+    touched.see(away=0.2)
+    touched.step()
+    assert not touched.obstacles.table.touched[row]
+
+
+def test_an_arm_that_still_brakes_is_not_said_to_be_moved():
+    encounter = Encounter(0.02, reaction_time=0.03)
+    encounter.v[6] = 0.3
+    verdict = approach(encounter)
+    start = encounter.q.copy()
+    for _ in range(20):
+        encounter.see(away=encounter.away)
+        verdict = encounter.step(encounter.q + PERIOD * encounter.v)
+        assert IN_CONTACT in kinds(verdict)
+        assert MOVED not in kinds(verdict)
+    assert encounter.q[6] - start[6] > 2.0 * panda().position_error[6]
 
 
 def test_a_stop_by_touch_is_held_for_the_rise_delay():

@@ -11,14 +11,9 @@ from armguard.messages.batch import pack_batch, read_batch
 from armguard.messages.incoming import decode, encode
 from armguard.obstacles import Obstacles
 from armguard.obstacles.faults import FaultKind
-from armguard.obstacles.regions import (
-    NO_REGION,
-    RegionLimits,
-    make_never,
-    make_no_limits,
-    strictest_limit,
-)
+from armguard.obstacles.regions import NO_REGION, RegionLimits, make_no_limits, strictest_limit
 from armguard.obstacles.table import clear_changed_rows
+from armguard.settings.contact_limits import ContactLimits
 from support.told_journal import Journal
 
 HAND, FOREARM = 1 << NUMBERS["hand"], 1 << NUMBERS["forearm"]
@@ -56,7 +51,7 @@ def test_the_strictest_of_several_regions_counts():
 
 
 def test_what_is_unknown_may_never_be_touched():
-    for limits in (make_never(), make_no_limits()):
+    for limits in (RegionLimits(*ContactLimits({}).tabulate()), make_no_limits()):
         for regions in (0, NO_REGION, HAND, HAND | NO_REGION):
             assert strictest_limit(limits, regions).max_speed == 0.0
 

@@ -15,6 +15,7 @@ from armguard.pairs.clamping import (
     MOST_NEAR,
     Clamp,
     find_short_way_node,
+    is_obstacle_near,
     is_same_person,
 )
 from armguard.pairs.contact_time import find_near, find_sphere_clamp, moves_of, sphere_of
@@ -65,6 +66,12 @@ def ask_short(handle, node, by_link, by_obstacle, speed, max_way):
 @kernel
 def ask_person(handle, row, other):
     return is_same_person(handle.content.marks, row, other)
+
+
+@kernel
+def ask_obstacle(handle, row, reach, now, until):
+    scene = handle.content
+    return is_obstacle_near(np.zeros(3), reach, scene.bodies, scene.marks, row, now, until)
 
 
 class World:
@@ -231,6 +238,44 @@ def test_of_what_nothing_is_known_counts_as_near():
     assert world.clamp(link, node)[1].by_obstacle
 
 
+def beside(*, position, **stated):
+    """Whether one obstacle is near a ball of 0.1 m around the origin by 0.2 s after the tick."""
+    _, kinematics, motion, _ = arm_of("panda")
+    obstacles = Obstacles(sources=[], **{"accel": 2.0, "speed": 0.6} | stated.pop("bounds", {}))
+    stamp, velocity = stated.pop("stamp", NOW), stated.pop("velocity", [0.0, 0.0, 0.0])
+    obstacles.update(["cart"], stamp, [[position, 0.0, 0.0]], [velocity], radius=0.05, **stated)
+    none = RegionLimits(*(np.zeros(0) for _ in range(4)))
+    state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
+    return ask_obstacle(state.handle, obstacles.row("cart"), 0.1, NOW, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("stated", "way"),
+    [
+        ({}, 0.04),
+        ({"position_error": 0.03}, 0.07),
+        ({"stamp": NOW - 0.1}, 0.09),
+        ({"velocity": [-0.3, 0.0, 0.0]}, 0.0975),
+        ({"velocity": [-0.3, 0.0, 0.0], "velocity_error": 0.1}, 0.11),
+        # Later than the tick: the body was in front of where it is by then, or behind.
+        ({"velocity": [0.6, 0.0, 0.0], "stamp": NOW + 0.1}, 0.06),
+        ({"velocity": [0.6, 0.0, 0.0], "stamp": NOW + 0.3}, 0.18),
+    ],
+)
+def test_an_obstacle_is_near_that_can_come_within_reach(stated, way):
+    """With a = 2 m/s² and no more than 0.6 m/s, for 0.2 s from the tick."""
+    near, speed = beside(position=0.15 + way - 1e-6, **stated)
+    assert near
+    assert speed == pytest.approx(0.6)
+    assert not beside(position=0.15 + way + 0.4, **stated)[0]
+
+
+@pytest.mark.parametrize("stated", [{}, {"velocity_error": np.inf}])
+def test_an_obstacle_without_bounds_is_near_wherever_it_is(stated):
+    bounds = {"accel": np.inf, "speed": np.inf}
+    assert beside(position=50.0, bounds=bounds, **stated) == (True, np.inf)
+
+
 def test_who_is_of_one_person():
     obstacles = Obstacles(sources=["a", "b"])
     for name, source, region in [
@@ -315,3 +360,67 @@ def test_a_short_way_is_not_exceeded(name):
     assert (closest <= 1.0).all(), closest
     assert closest[0] > 0.2
     assert closest[1] > 0.01
+
+
+def way_between(world, node, part):
+    """How far two spheres can come nearer by the end of the braking table, in [m]."""
+    placement, table = world.kinematics.placement, world.motion.braking.table
+    lever, radius = world.motion.joint.lever, world.kinematics.spheres.tree.radius
+    moved = placement.moves[placement.joint]
+    arms = np.where(moved[node], lever[node], lever[part])
+    arms += np.where(table.box.turning, np.where(moved[node], radius[node], radius[part]), 0.0)
+    set_span(table, 0, len(table.time) - 1, 1.0)
+    errors = (lever[node] + lever[part]) @ world.robot.position_error
+    return (arms * table.box.span[2])[moved[node] != moved[part]].sum() + errors
+
+
+def test_another_link_counts_from_the_gap_on_that_it_can_close():
+    """By a reference in NumPy, for neighbours as well whose distance varies by enough."""
+    checked = 0
+    for seed in range(6):
+        world = World("panda", seed, count=0)
+        tree = world.kinematics.spheres.tree
+        link_of, centers = world.kinematics.spheres.link, world.kinematics.centers
+        gaps = world.gaps
+        for node in world.random.choice(np.flatnonzero(tree.first_child < 0), 5):
+            varies = gaps.variation[node]
+            apart = np.linalg.norm(centers[gaps.parts] - centers[node], axis=1)
+            apart -= tree.radius[gaps.parts] + tree.radius[node]
+            left = apart - [way_between(world, node, part) for part in gaps.parts]
+            neighbours = np.flatnonzero((varies > 0.03) & np.isfinite(varies))
+            least = left[np.isinf(varies)].min(initial=np.inf)
+            if len(neighbours) == 0 or not left[neighbours].min() > 1e-3:
+                continue
+            nearest = neighbours[left[neighbours].argmin()]
+            for thickness, gap in (
+                (varies[nearest] - 0.01, min(least, left[(varies > varies[nearest] - 0.01)].min())),
+                (10.0, least),
+            ):
+                if not gap > 1e-3:
+                    continue
+                for off, expected in ((-1e-6, False), (1e-6, True)):
+                    clamp = world.clamp(link_of[node], node, gap=gap + off, thickness=thickness)[1]
+                    assert clamp.by_link == expected, (seed, node, thickness)
+                checked += thickness < 10.0
+    assert checked > 5
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_way_counts_to_either_side_and_with_what_moves_by_itself(sign):
+    world = World("panda", 3, count=0)
+    world.v = sign * 0.1 * world.robot.velocity_limit
+    world.motion.braking.tabulate(world.q, world.v, world.age, HORIZON)
+    table = world.motion.braking.table
+    link = len(world.robot.links) - 1
+    node = world.kinematics.spheres.tree.root[link]
+    world.clamp(link, node, gap=50.0)
+    pace = np.maximum(np.abs(table.fastest), np.abs(table.slowest))[:-1]
+    steps = np.diff(table.time) * (pace @ world.state.scene.clamp_room.weight)
+    left = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
+    for max_way in np.array([0.1, 0.3, 0.7]) * left[0]:
+        found = ask_short(world.state.handle, node, True, False, 0.0, max_way)
+        assert found == np.argmax(left <= max_way)
+    rest = table.time[-1] - table.time
+    for max_way in (0.1, 0.5):
+        found = ask_short(world.state.handle, node, False, True, 50.0, max_way)
+        assert 50.0 * rest[found] <= max_way

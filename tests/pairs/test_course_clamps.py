@@ -13,12 +13,15 @@ from support.panda_monitor import HOME, STILL, panda
 FORCE = ContactLimit(force=100.0, stiffness=1e4, body_mass=1.0, gap=0.1, source="a test")
 
 
-def speeds_beside(place, *, limit=FORCE, ids=("left_hand",), velocity=(0.0, 0.0, 0.0), table=None):
+def speeds_beside(
+    place, *, limit=FORCE, ids=("left_hand",), velocity=(0.0, 0.0, 0.0), table=None, margin=0.0
+):
     """How fast what a first obstacle can be pressed against is at most, by link of the arm."""
     obstacles = Obstacles(accel=1.0, speed=0.5, regions={"*hand": "hand"})
     monitor = Monitor(
-        panda(), obstacles, motion="planned", contact_limits=ContactLimits({"hand": limit})
-    )
+        panda(), obstacles, motion="planned", contact_limits=ContactLimits({"hand": limit}),
+        margin=margin,
+    )  # fmt: skip
     if table is not None:
         obstacles.add_static("table", table, 0.02)
     places = [place, *([np.add(place, [0.0, 0.0, 0.15])] * (len(ids) - 1))]
@@ -59,3 +62,9 @@ def test_another_part_counts_where_it_is_of_another_person(other, counts):
 def test_what_may_never_be_pressed_or_touched_is_not_looked_up():
     by_speed = ContactLimit(speed=0.0, source="a test")
     assert set(speeds_beside(TIP, limit=by_speed, table=TIP).tolist()) == {NOTHING}
+
+
+def test_the_margin_widens_the_gap():
+    place = [1.3, 0.0, 0.5]
+    assert speeds_beside(TIP, table=place).max() == NOTHING
+    assert speeds_beside(TIP, table=place, margin=1.0).max() == 0.0

@@ -11,12 +11,19 @@ import pytest
 
 from armguard.bounds import CheckedPlan, Plan, PlannedMotion, append_stop, check_plan
 from armguard.bounds.planned.contact import make_surroundings
-from armguard.bounds.planned.course import find_center
-from armguard.bounds.planned.harmless import find_harmless_speed, find_speed_from, find_way_from
+from armguard.bounds.planned.course import BLOCK, find_center, find_frame
+from armguard.bounds.planned.harmless import (
+    CourseSpeeds,
+    find_harmless_speed,
+    find_speed_from,
+    find_way_from,
+    sum_up_speeds,
+)
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles import Obstacles
-from armguard.obstacles.regions import ContactLimit, make_never
+from armguard.obstacles.regions import ContactLimit, RegionLimits, make_no_limits
+from armguard.settings.contact_limits import ContactLimits
 from support.example_arms import load_holding
 from support.hostile_joints import STEP, chain_to, place_point, set_slopes
 from support.plan_cases import Follower, Hermite, Waves, all_pairs, make_plan, place_course
@@ -74,7 +81,7 @@ def pack_around(motion, obstacles=None):
     table = (obstacles or Obstacles()).table
     return pack(
         make_surroundings(
-            motion._arm, table.accepted, table.refused_states, table.marks, make_never()
+            motion._arm, table.accepted, table.refused_states, table.marks, make_no_limits()
         )
     )
 
@@ -246,6 +253,10 @@ def test_a_way_that_is_too_long_is_harmful_where_something_may_be_clamped(robot)
         assert bound_within(*ask, 1e3, 0.999 * ways[slab], -1.0) <= 1e3
         assert bound_within(*ask, 1e3, 0.999 * ways[slab], 0.0) == math.inf
         assert bound_within(*ask, 1e3, ways[slab], 0.0) <= 1e3
+        # What moves by itself goes on until the arm rests.
+        own = 0.3 * (course.end[-1] - course.start[slab])
+        assert bound_within(*ask, 1e3, ways[slab] + 0.999 * own, 0.3) == math.inf
+        assert bound_within(*ask, 1e3, ways[slab] + 1.001 * own, 0.3) <= 1e3
         assert bound_within(*ask, 1e3, math.nan, 0.0) == math.inf
         assert bound_within(*ask, 0.0, math.inf, -1.0) == math.inf
         assert bound_within(*ask, math.nan, math.inf, -1.0) == math.inf
@@ -280,7 +291,7 @@ def turn(robot, motion, rate, *, with_velocities=True):
 
 
 def permit(**speeds):
-    limits = make_never()
+    limits = RegionLimits(*ContactLimits({}).tabulate())
     for name, region in (("hand", HAND), ("head", HEAD)):
         limits.max_speed[region] = speeds.get(name, 0.0)
         limits.max_way[region] = math.inf
@@ -404,3 +415,30 @@ def test_the_center_of_the_tip_is_bounded_closely(panda):
     center = np.array(find_center(arm, course.placement[0], node))
     truth = 0.3 * (np.hypot(center[0], center[1]) + arm.tree.radius[node])
     assert truth <= speeds[0] < truth + 0.1
+
+
+def test_what_is_summed_up_from_a_slab_on_is_of_all_later_slabs():
+    """Of joints that go forth and back, so that they end near where they begin."""
+    random, slabs = np.random.default_rng(7), 3 * BLOCK + 1
+    edges = np.cumsum(random.uniform(0.001, 0.01, slabs + 1))
+    times = np.array([edges[:-1], edges[1:]])
+    middle, half = random.normal(size=(slabs, 3)), random.uniform(0.0, 0.1, (slabs, 3))
+    slowest, fastest = np.sort(random.normal(size=(2, slabs, 3)), axis=0)
+    parts = np.zeros((0, 0, 3))
+    found = CourseSpeeds(*sum_up_speeds(times, middle, half, slowest, fastest, 5), parts)
+    steps = np.diff(edges)[:, None]
+    rise, fall = np.maximum(fastest, 0.0) * steps, np.maximum(-slowest, 0.0) * steps
+    for slab in range(slabs):
+        up, down, whole = (each[slab:].sum(axis=0) for each in (rise, fall, np.maximum(rise, fall)))
+        np.testing.assert_allclose(found.whole[slab], whole)
+        np.testing.assert_allclose(found.forth[slab], np.where(up >= down, whole, up))
+        np.testing.assert_allclose(-found.back[slab], np.where(up >= down, down, whole))
+        away = (abs(middle[slab:] - middle[-1]) + half[slab:]).max(axis=0)
+        np.testing.assert_allclose(found.away[slab], away)
+    for block in range(4):
+        own = slice(block * BLOCK, (block + 1) * BLOCK)
+        np.testing.assert_array_equal(found.block_slowest[block], slowest[own].min(axis=0))
+        np.testing.assert_array_equal(found.block_fastest[block], fastest[own].max(axis=0))
+        frame = middle[find_frame(block, slabs)]
+        wide = (abs(middle[own] - frame) + half[own]).max(axis=0)
+        np.testing.assert_allclose(found.block_half[block], wide)
