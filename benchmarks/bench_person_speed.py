@@ -29,7 +29,6 @@ from bench_recordings import (
 from scene.contestants import OPERATING, PIECES, SEPARATION, WITH_LIMITS, Scope, make_operating
 from scene.example_limits import PersonSpeed, make_limits
 from scene.limited import find_open_share
-from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed
 from scene.recorded_people import People
 from scene.results import make_table, percent
@@ -142,7 +141,6 @@ def main(arguments: list[str] | None = None) -> list[Score]:
         ]
         scores += play(run, speed, cases, options.person_speeds)
     print("\n".join(write_table(scores)))
-    print(describe_machine(load=False))
     return scores
 
 
