@@ -101,18 +101,22 @@ class Workplace:
     Args:
         run: What all cases have in common.
         speed: Of the fastest joint, in [rad]/[s].
+
+    Attributes:
+        fraction: What trajectories use of the velocity limits at most.
+        rules: All that judge a case.
     """
 
     def __init__(self, run: Run, speed: float) -> None:
         self.robot = robot = Robot.load("panda")
         self._run, period = run, 1.0 / run.rate
-        self._fraction = speed / float(np.max(robot.velocity_limit))
+        self.fraction = speed / float(np.max(robot.velocity_limit))
         self._accept = keeps_within(robot, *WORKSPACE)
         self.stage = Stage(robot, period)
         self.rules = [
             rule
             for setting in run.scope.settings()
-            for rule in make_rules(robot, self._fraction, run.scope, setting, period)
+            for rule in make_rules(robot, self.fraction, run.scope, setting, period)
         ]
 
     def make_trajectory(self, case: Case) -> JointTrajectory:
@@ -122,7 +126,7 @@ class Workplace:
             robot,
             100 * case.seed + find_recordings().index(case.path),
             TRAJECTORY,
-            speed_fraction=self._fraction,
+            speed_fraction=self.fraction,
             acceleration_fraction=float(
                 np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
             ),

@@ -32,6 +32,7 @@ class ContactWatch:
 
     def reset(self) -> None:
         """Forget what was touched."""
+        self._scheduler.arm.obstacles.table.marks.touched[:] = False
         self._pair = NOBODY
         self._since = self._rests_at = 0.0
         self._rest: FloatArray | None = None

@@ -741,7 +741,14 @@ def find_unsafe(
             if row == offending_row:
                 # The others after it, in their order.
                 link = (offending_link + number) % links
-            if not certificates.watched[row, link] or certificates.pair_harm[row, link] > latest:
+            if not certificates.watched[row, link]:
+                continue
+            if certificates.pair_harm[row, link] > latest:
+                # Where it may touch before, that rests on a permission, and may be at the limit.
+                if not certificates.pair_expiry[row, link] > latest:
+                    limit = limit_of(scene, row).max_speed
+                    if limit > permitted:
+                        permitted, permitted_link = limit, link
                 continue
             answer, spent, speed = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
@@ -891,10 +898,12 @@ def find_permitted_contact(
         limit = limit_of(scene, row).max_speed
         # Where nothing had to be asked, no link gets faster than its limit before the arm rests.
         speed, link = limit, first_link(certificates.watched, certificates.pair_expiry, row)
-        for place in (stop_place(row, bool(0)), stop_place(row, bool(1))):
-            if proofs.asked_at[place] == time or proofs.until[place] >= time:
-                speed, link = proofs.speed[place], proofs.link[place]
-                break
+        own, paced = stop_place(row, bool(0)), stop_place(row, bool(1))
+        is_proved = _is_proved(scene, certificates, bool(0), row, time, -np.inf)
+        if is_proved or proofs.asked_at[own] == time:
+            speed, link = proofs.speed[own], proofs.link[own]
+        elif proofs.asked_at[paced] == time:
+            speed, link = proofs.speed[paced], proofs.link[paced]
         greatest = max(greatest, speed)
         if speed > 0.0 and speed * found_limit >= found_speed * limit:
             found_row, found_link, found_speed, found_limit = row, link, speed, limit

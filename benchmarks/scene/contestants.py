@@ -128,6 +128,15 @@ LIMIT_TARGETS = (
 at the first reaction, in shares of that of the separation distance."""
 
 
+def make_operating(robot: Robot, speed_fraction: float) -> OperatingLimits:
+    """For trajectories that use a share of the velocity limits at most."""
+    return OperatingLimits.fraction(
+        robot,
+        velocity=min(1.0, OPERATING_VELOCITY * speed_fraction),
+        acceleration=OPERATING_ACCELERATION,
+    )
+
+
 def make_rules(
     robot: Robot, speed_fraction: float, scope: Scope, setting: Setting, period: float
 ) -> list[Rule]:
@@ -141,11 +150,7 @@ def make_rules(
         period: Of ticks, in [s].
     """
     given = robot, setting, period
-    operating = OperatingLimits.fraction(
-        robot,
-        velocity=min(1.0, OPERATING_VELOCITY * speed_fraction),
-        acceleration=OPERATING_ACCELERATION,
-    )
+    operating = make_operating(robot, speed_fraction)
     known = {"motion": "planned", "operating": operating}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),

@@ -7,6 +7,8 @@ take these for a cell of their own.
 
 from __future__ import annotations
 
+from typing import Literal
+
 from armguard.people.body_parts import PATTERNS
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 
@@ -20,6 +22,9 @@ FIGURES = {
 }
 """Force in [N], stiffness in [N]/[m] and mass in [kg]."""
 
+PersonSpeed = float | Literal["own"]
+"""What limits count of a person's own speed, in [m]/[s], or "own"."""
+
 _REGIONS = {
     "head": "head", "trunk": "chest", "upper_arm": "upper_arm", "forearm": "forearm",
     "hand": "hand",
@@ -31,13 +36,19 @@ PATTERNS_OF_REGIONS = {
 }
 """Regions by pattern of ids, as `Obstacles` takes them."""
 
-LIMITS = ContactLimits(
-    {
-        region: ContactLimit(
-            force=force, transient_force=2.0 * force, stiffness=stiffness, body_mass=mass,
-            source=SOURCE,
-        )
-        for region, (force, stiffness, mass) in FIGURES.items()
-    }
-)  # fmt: skip
-"""Of all regions but the head, which may never be touched."""
+
+def make_limits(person_speed: PersonSpeed = "own") -> ContactLimits:
+    """Of all regions but the head, which may never be touched."""
+    return ContactLimits(
+        {
+            region: ContactLimit(
+                force=force, transient_force=2.0 * force, stiffness=stiffness, body_mass=mass,
+                source=SOURCE, person_speed=person_speed,
+            )
+            for region, (force, stiffness, mass) in FIGURES.items()
+        }
+    )  # fmt: skip
+
+
+LIMITS = make_limits()
+"""For what the arm does to a part at rest."""

@@ -178,3 +178,10 @@ def test_a_head_is_no_contact_but_a_stop():
         verdict = encounter.step()
     assert verdict.level is Level.STOP
     assert IN_CONTACT not in kinds(verdict)
+
+
+def test_after_a_reset_nothing_counts_as_touched(touched):
+    row = touched.row()
+    assert touched.obstacles.table.touched[row]
+    touched.monitor.reset()
+    assert not touched.obstacles.table.touched[row]

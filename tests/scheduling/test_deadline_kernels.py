@@ -12,7 +12,7 @@ from armguard.pairs.scene import REACH
 from armguard.robot.joint_acceptance import accept_at
 from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling import deadline_kernels
-from armguard.scheduling.certificates import PROVED, stop_place
+from armguard.scheduling.certificates import PROVED, set_ends, stop_place, withdraw_permissions
 from armguard.scheduling.deadline_kernels import (
     CROWD,
     MOST_READ_AHEAD,
@@ -23,6 +23,7 @@ from armguard.scheduling.timing_wheel import NOBODY, take_out
 from armguard.scheduling.tournament import entries_of, set_value
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, PERIOD, STILL, kinds, make_monitor, panda, see, steps
+from support.permitted_contact import Encounter
 from support.tick_states import begin_tick
 
 HORIZON = PERIOD + 0.002 + 0.02
@@ -398,3 +399,23 @@ def test_an_arm_of_one_joint_needs_no_kernels_of_its_own():
     assert all(known)
     make_monitor("deadline", robot=make_arm(1))
     assert [set(entry.signatures) for entry in entries] == known
+
+
+def test_a_proof_rests_on_the_permission_of_links_that_need_not_be_asked():
+    encounter = Encounter(0.002)
+    encounter.go(3)
+    scheduler, row = encounter.scheduler, encounter.row()
+    certificates, (tick, _) = scheduler.certificates, encounter.monitor._last
+    near = certificates.pair_expiry[row].argmin()
+    assert near > 0
+    # The near link may touch, but is slow; the base, which is out of reach, must be asked.
+    certificates.proofs.until[:] = -np.inf
+    certificates.pair_harm[row] = np.inf
+    certificates.pair_harm[row, 0] = certificates.pair_expiry[row, 0] = tick.time
+    set_ends(certificates, row, certificates.pair_expiry[row].min(), tick.time)
+    scheduler.find_unsafe(tick, tick.stop_time, lasting=0.01)
+    place = stop_place(row, False)
+    assert certificates.proofs.until[place] > tick.time
+    assert certificates.proofs.link[place] > 0
+    withdraw_permissions(certificates)
+    assert certificates.proofs.until[place] == -np.inf

@@ -399,6 +399,18 @@ def test_the_benchmark_of_yielding_people_runs(load, capsys):
     assert "work lost" in capsys.readouterr().out
 
 
+def test_the_benchmark_of_the_persons_own_speed_runs(load, capsys):
+    find_recordings(load("bench_recordings"))
+    arguments = "--person-speeds own 2 --speeds 0.8 --seconds 0.3 --placements 1 --recordings 2"
+    scores = load("bench_person_speed").main(arguments.split())
+    assert {score.person_speed for score in scores} == {"–", "own", "2.0"}
+    for score in scores:
+        assert 0 <= score.outcome.stopped <= score.outcome.ticks <= 30
+    # √(2² + 1.32²) − 2 for a hand, √(2² + 0.28²) − 2 for a chest.
+    assert {score.allowed for score in scores} == {"–", "1.32, 0.28", "0.40, 0.02"}
+    assert "| separation distance |" in capsys.readouterr().out
+
+
 def test_an_arm_that_goes_through_itself_is_found_out(load):
     robot = Robot.load("panda")
     meets_itself = load("scene.self_contact").meets_itself
