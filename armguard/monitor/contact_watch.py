@@ -32,14 +32,13 @@ class ContactWatch:
 
     def reset(self) -> None:
         """Forget what was touched."""
-        self._scheduler.arm.obstacles.table.marks.touched[:] = False
+        # What is marked as touched is not judged by its bounds.
+        self._scheduler.arm.obstacles.table.touched[:] = False
         self._pair = NOBODY
         self._since = self._rests_at = 0.0
         self._rest: FloatArray | None = None
         self._tick: Tick | None = None
         self._possible_from = math.inf
-        # What is marked as touched is not judged by its bounds.
-        self._scheduler.arm.obstacles.table.touched[:] = False
 
     @property
     def is_touching(self) -> bool:
