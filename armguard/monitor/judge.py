@@ -453,7 +453,9 @@ class Judge:
             self._scheduler.find_unsafe(tick, 0.0)
             for most in (1.0, 0.5):
                 self._scheduler.arm.motion.braking.tabulate(tick.q, tick.v, 0.0, 0.0, pace=most)
+                # A scale that is to rise, and one that was given out before.
                 self._stopping.find_scale(tick, 0.0, most)
+                self._stopping.find_scale(tick, most, most)
                 self._stopping.reset()
         if self.pieces is not None:
             self.pieces.compile(tick)

@@ -21,6 +21,7 @@ from rich.status import Status
 
 from armguard.app.processes import describe_end, noted_interrupts
 from armguard.jit.progress import COMPILING
+from armguard.view.messages import FrameMessage, decode_message
 from armguard.view.process import ViewProcess
 
 REFRESH = 0.1
@@ -122,7 +123,7 @@ class Watcher:
             self._console.print(WAITING)
         with self._console.status(WAITING) as waiting:
             self._waiting = waiting if self._console.is_terminal else None
-            while not ended() and not reader.poll(round(1000 * REFRESH)):
+            while not ended() and not _has_frame(reader):
                 pass
             self._waiting = None
         self._console.print("the arm is watched; Ctrl-C ends the demo with a summary")
@@ -174,3 +175,10 @@ class Watcher:
         if progress and self._waiting is not None:
             self._waiting.update(f"{WAITING}: {COMPILING}{progress[-1]}")
         return "\n".join(line for line in words if COMPILING not in line)
+
+
+def _has_frame(reader: zmq.Socket[bytes]) -> bool:
+    """Whether the loop runs: its first frame comes after the scene, which is published before."""
+    if not reader.poll(round(1000 * REFRESH)):
+        return False
+    return isinstance(decode_message(reader.recv()), FrameMessage)
