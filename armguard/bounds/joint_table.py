@@ -33,7 +33,7 @@ class JointTable(NamedTuple):
     """What `low` is clipped to. Shape (nv,)."""
     fastest: FloatArray
     """Greatest velocities that each node stands for, in [rad]/[s] or [m]/[s]; without rows where
-    nobody asks for them. Shape (nodes, nv) or (0, nv)."""
+    no contact limits are stated. Shape (nodes, nv) or (0, nv)."""
     slowest: FloatArray
     """Least velocities, alike."""
     interpolates: bool

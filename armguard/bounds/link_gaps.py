@@ -20,7 +20,7 @@ FEWEST_PARTS = 6
 
 
 class LinkGaps(NamedTuple):
-    """How distances between spheres of different links can vary; without parts: nobody asks."""
+    """How distances between spheres of links can vary; empty where no contact limits are stated."""
 
     parts: IntArray
     """Spheres that stand for links, between them all of the arm. Shape (c,)."""
@@ -34,7 +34,7 @@ class LinkGaps(NamedTuple):
 
 
 def make_no_gaps() -> LinkGaps:
-    """Of an arm that may touch nobody."""
+    """The gaps of an arm for which no contact limits are stated."""
     return LinkGaps(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros(0))
 
 

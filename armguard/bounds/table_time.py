@@ -173,7 +173,7 @@ def is_free_at_once(
 def is_free_until(
     sphere: ArmSphere, table: JointTable, hull: Hull, contact_distance: float, last: int
 ) -> bool:
-    """Whether a sphere of the arm and a rounded hull surely do not touch before a node's time.
+    """Whether it is proved that a sphere and a rounded hull do not touch before a node's time.
 
     The last node is when an arm that brakes has come to rest. Both can be farthest from where they
     are now in the end, so nearly always the direction for the end proves the whole time at once.

@@ -57,7 +57,7 @@ class PlannedCourse(NamedTuple):
     arm_ball: FloatArray
     """A ball around those. Shape (4,)."""
     speeds: Any
-    """Handle on its `CourseSpeeds`, one without slabs where nobody asks for speeds."""
+    """Handle on its `CourseSpeeds`; without slabs where no contact limits are stated."""
 
 
 @kernel

@@ -67,7 +67,7 @@ def _make_no_speeds() -> Any:
 
 
 NO_SPEEDS = _make_no_speeds()
-"""Of a course of which nobody asks how fast the arm is on it."""
+"""The speeds of a course that was laid out without velocities."""
 
 
 @kernel

@@ -45,7 +45,7 @@ BRAKING_SLABS = 24
 Slabs = tuple[FloatArray, FloatArray, FloatArray]
 """When slabs start and end, in [s] from when the piece was checked, (2, slabs); least and greatest
 joint positions within each, in [rad] or [m], (2, slabs, nv); and least and greatest velocities, in
-[rad]/[s] or [m]/[s], alike, or without slabs where nobody asks for them."""
+[rad]/[s] or [m]/[s], alike; without slabs where no contact limits are stated."""
 
 
 @kernel
