@@ -1,0 +1,202 @@
+"""How motions change: jerk-limited phases within the limits of joints, made by Ruckig [BK21].
+
+Each change here goes on for a while, and then stops as hard as the limits allow, so that whatever
+is made of it carries its own stop.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
+
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
+from armguard.shield.motion import AlongPath, JointByJoint, Phase, Samples
+from armguard.shield.path import MotionLimits, TimedPath
+
+SLOWEST = 1e-9
+"""What is slower counts as no motion, in the units of joints or of a path's pace."""
+
+FASTEST = 1e4
+"""Changes of a pace where no joint moves, in [1]/[s²] and [1]/[s³]: none limits them there."""
+
+PRACTICE = 0.97
+"""How much of each limit is used: what joints do between samples differs a little."""
+
+PLACES = 48
+"""Places ahead at which it is looked up how fast a path's pace may change."""
+
+MOST_LOOKS = 6
+"""At longer and longer ways ahead, until the stop is on the way that was looked at."""
+
+
+class PaceChanges:
+    """Changes of the pace along paths.
+
+    Args:
+        limits: That the joints keep to.
+    """
+
+    def __init__(self, limits: MotionLimits) -> None:
+        self._limits = limits
+        self._generator = Ruckig(1)
+        self._given = InputParameter(1)
+        self._given.control_interface = ControlInterface.Velocity
+        self._given.target_acceleration = [0.0]
+
+    def go_and_stop(
+        self,
+        path: TimedPath,
+        place: tuple[float, float, float],
+        begin: float,
+        lasting: float,
+        pace: float,
+    ) -> AlongPath | None:
+        """A motion that changes its pace for a while, and then stops on the path.
+
+        Args:
+            path: To go along.
+            place: Where on it, at which pace, and how fast that changes, as `AlongPath.find_place`
+                says.
+            begin: When, in [s].
+            lasting: Until the stop begins, in [s].
+            pace: To be approached until then, 0 to 1.
+
+        Returns:
+            None where the joints' limits leave no change of pace.
+        """
+        at, now, change = place
+        fastest = max(now, pace)
+        way = fastest * (lasting + 0.1)
+        for _ in range(MOST_LOOKS):
+            speeding, braking, jerk = self._find_limits(path, at, way, fastest)
+            if not min(speeding, braking, jerk) > SLOWEST:
+                return None
+            going = self._reach(place, pace, speeding if pace > now else braking, jerk)
+            left = tuple(values[0] for values in going.at_time(lasting))
+            stopping = self._reach(left, 0.0, braking, jerk)
+            passed = stopping.at_time(stopping.duration)[0][0] - at
+            if passed <= way:
+                return AlongPath(path, [Phase(begin, going), Phase(begin + lasting, stopping)])
+            way = 1.5 * passed
+        return None
+
+    def _find_limits(
+        self, path: TimedPath, at: float, way: float, fastest: float
+    ) -> tuple[float, float, float]:
+        """How fast the pace may grow and fall on a way ahead, and how fast that may change.
+
+        In [1]/[s²], and [1]/[s³]. With q̈ = q'' w² + q' ẇ and q⃛ = q''' w³ + 3 q'' w ẇ + q' ẅ, what
+        bends take at the fastest pace is left out of the limits; of the jerk that is left, changes
+        on bends take one half, and changes of the change the other.
+        """
+        limits = self._limits
+        _, slope, bend, turn = map(np.abs, path.evaluate(np.linspace(at, at + way, PLACES)))
+        moving = np.maximum(slope, SLOWEST)
+        bent = bend * fastest**2
+        spare = PRACTICE * limits.jerk - turn * fastest**3
+        on_bends = float((0.5 * spare / np.maximum(3.0 * bend * fastest, SLOWEST)).min())
+        braking = float(((PRACTICE * limits.braking - bent) / moving).min())
+        speeding = float(((PRACTICE * limits.acceleration - bent) / moving).min())
+        jerk = float((0.5 * spare / moving).min())
+        braking = min(braking, on_bends, FASTEST)
+        return min(speeding, braking), braking, min(jerk, FASTEST)
+
+    def _reach(
+        self, state: tuple[float, ...], pace: float, change: float, jerk: float
+    ) -> Trajectory:
+        """From a place, pace and change to a pace."""
+        given = self._given
+        given.current_position = [state[0]]
+        # Rounding must not have it go back.
+        given.current_velocity = [max(state[1], 0.0)]
+        given.current_acceleration = [state[2]]
+        given.target_velocity = [pace]
+        given.max_acceleration, given.max_jerk = [change], [jerk]
+        return _make_trajectory(self._generator, given)
+
+
+class JointChanges:
+    """Changes of the joints' velocities.
+
+    Args:
+        limits: That the joints keep to.
+    """
+
+    def __init__(self, limits: MotionLimits) -> None:
+        joints = len(limits.velocity)
+        self._generator = Ruckig(joints)
+        self._given = given = InputParameter(joints)
+        given.max_velocity = PRACTICE * limits.velocity
+        given.max_jerk = PRACTICE * limits.jerk
+        given.target_acceleration = self._rest = np.zeros(joints)
+        self.top_speed = PRACTICE * limits.velocity
+        self._going = PRACTICE * np.minimum(limits.acceleration, limits.braking)
+        self._braking = PRACTICE * limits.braking
+
+    def go_and_stop(
+        self, state: Samples, begin: float, lasting: float, velocity: FloatArray
+    ) -> JointByJoint:
+        """A motion that approaches a velocity for a while, and then stops.
+
+        Args:
+            state: At its beginning, one sample.
+            begin: When, in [s].
+            lasting: Until the stop begins, in [s].
+            velocity: Of all joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        """
+        going = self._reach(*state[1:], velocity, self._going)
+        return self.stop_after([Phase(begin, going)], begin + lasting)
+
+    def track(
+        self, state: Samples, begin: float, lasting: float, q: FloatArray, velocity: FloatArray
+    ) -> Phase:
+        """A phase towards a place that is to be passed at a velocity, not before its time.
+
+        Args:
+            state: At its beginning, one sample.
+            begin: When, in [s].
+            lasting: Until the place is to be passed, in [s].
+            q: The place, in [rad] or [m]. Shape (nv,).
+            velocity: There, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        """
+        given = self._given
+        given.control_interface = ControlInterface.Position
+        given.synchronization = Synchronization.Time
+        given.target_position = q
+        given.minimum_duration = lasting
+        trajectory = self._calculate(state.q[0], state.v[0], state.a[0], velocity, self._going)
+        given.minimum_duration = None
+        return Phase(begin, trajectory)
+
+    def stop_after(self, phases: list[Phase], time: float) -> JointByJoint:
+        """A motion that leaves some phases at a time, in [s], and stops as hard as it may."""
+        kept = [phase for phase in phases if phase.begin < time]
+        begin, trajectory = kept[-1]
+        stopping = self._reach(*trajectory.at_time(time - begin), self._rest, self._braking)
+        return JointByJoint([*kept, Phase(time, stopping)])
+
+    def _reach(
+        self, q: FloatArray, v: FloatArray, a: FloatArray, velocity: FloatArray, change: FloatArray
+    ) -> Trajectory:
+        """From a state to a velocity, each joint in its own time."""
+        self._given.control_interface = ControlInterface.Velocity
+        self._given.synchronization = Synchronization.No
+        return self._calculate(*map(np.ravel, (q, v, a)), velocity, change)
+
+    def _calculate(
+        self, q: FloatArray, v: FloatArray, a: FloatArray, velocity: FloatArray, change: FloatArray
+    ) -> Trajectory:
+        given = self._given
+        given.current_position, given.current_velocity, given.current_acceleration = q, v, a
+        given.target_velocity = velocity
+        given.max_acceleration = change
+        return _make_trajectory(self._generator, given)
+
+
+def _make_trajectory(generator: Ruckig, given: InputParameter) -> Trajectory:
+    trajectory = Trajectory(given.degrees_of_freedom)
+    result = generator.calculate(given, trajectory)
+    if result not in (Result.Working, Result.Finished):
+        raise ArmguardError("motion", f"is refused by Ruckig: {result} of {given}")
+    return trajectory

@@ -1,0 +1,303 @@
+"""A shield: from goals and joint states to motions that are proved to their rest.
+
+Each command is a motion that ends at rest, and that the monitor has proved as a whole, as a
+committed piece. In each step the shield shows the monitor next motions, the best first, each with
+its own stop. The first one that is proved is the next command. If none is, the arm goes on along
+the motion that it has, which slows down and rests: on its path, where it follows one. So nothing
+that is late, lost or refused leaves the arm on a motion that was not proved.
+
+The first motion that is shown goes on for the time to look ahead. As long as that is proved, the
+arm is as fast as it may be. Once it is not, there is still time to slow down gently, on motions
+that are proved for less; so the hardest stop, which every command carries, is seldom run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from armguard.bounds.planned.plan import Plan
+from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
+from armguard.monitor.monitor import Monitor
+from armguard.robot.brakes import find_gentlest_stop
+from armguard.shield.command import Command
+from armguard.shield.motion import Motion, Rest, Samples
+from armguard.shield.path import MotionLimits, Path
+from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
+from armguard.verdict import BRAKE, PlanVerdict, Reason, ReasonKind, Verdict
+
+GRAIN = 0.01
+"""Longest time between samples of a command, in [s]."""
+
+LEAST_GRAIN = 1e-6
+"""Samples that are closer in time than this are one, in [s]."""
+
+
+class _Piece(NamedTuple):
+    """What is committed: motions, each from a time on in [s], and samples of them to the rest."""
+
+    motions: tuple[tuple[float, Motion], ...]
+    samples: Samples
+
+    def find_motion(self, time: float) -> Motion:
+        """What the arm is on at a time."""
+        found = self.motions[0][1]
+        for begin, motion in self.motions:
+            if begin <= time:
+                found = motion
+        return found
+
+
+class Shield:
+    """Moves an arm along proved motions alone.
+
+    Args:
+        monitor: Made with `motion="planned"`; the shield steps it.
+        jerk: The greatest one of each joint, in [rad]/[s³] or [m]/[s³]. One number, or shape (nv,).
+        rate: Of the steps, in [Hz].
+        look_ahead: For how long the arm must be able to go on as fast as it was asked to, in [s];
+            less gets more work done, more brakes more gently (docs/shield.md).
+        chunk_period: Between points of a chunk, in [s]; None: one period of the steps.
+        tracking_error: How far joints may be off a command, in [rad] or [m]. One number, or (nv,).
+        velocity_tracking_error: Alike, in [rad]/[s] or [m]/[s].
+
+    Raises:
+        ArmguardError: An argument is out of range, or the monitor was made for another motion.
+    """
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        *,
+        jerk: ArrayLike,
+        rate: float = 250.0,
+        look_ahead: float = 0.06,
+        chunk_period: float | None = None,
+        tracking_error: ArrayLike = 0.001,
+        velocity_tracking_error: ArrayLike = 0.01,
+    ) -> None:
+        settings, robot = monitor.settings, monitor.robot
+        if settings.motion != "planned":
+            raise ArmguardError(
+                "monitor", f"was made with motion={settings.motion!r}", expected='motion="planned"'
+            )
+        joints = len(robot.joints)
+        self._monitor = monitor
+        self._period = period = 1.0 / _read("rate", rate, 1)[0]
+        self._latency = settings.latency
+        self._errors = (
+            _read("tracking_error", tracking_error, joints),
+            _read("velocity_tracking_error", velocity_tracking_error, joints),
+        )
+        in_force = settings.put_in_force(robot)
+        velocity = in_force.operating_velocity.copy()
+        brakes = robot.brakes.make_curves(monitor.payload)
+        braking = np.minimum(robot.acceleration_limit, find_gentlest_stop(brakes, velocity))
+        self.limits = limits = MotionLimits(
+            velocity,
+            in_force.operating_acceleration.copy(),
+            braking,
+            _read("jerk", jerk, joints),
+        )
+        self._look_ahead = max(period, _read("look_ahead", look_ahead, 1)[0])
+        bounds = limits, robot.lower_position_limit, robot.upper_position_limit
+        times = period, self._look_ahead
+        self._velocity = KeepVelocity(*bounds, *times)
+        apart = period if chunk_period is None else _read("chunk_period", chunk_period, 1)[0]
+        self._points = FollowPoints(*bounds, *times, apart)
+        self._paths: FollowPaths | None = None
+        self._task: Task | None = None
+        self._piece: _Piece | None = None
+        self._has_left = False
+        self._at_rest = robot.velocity_error + self._errors[1]
+        empty = np.empty((0, joints))
+        self._nowhere = Samples(np.empty(0), empty, empty, empty)
+
+    def set_path(self, path: Path | Sequence[Path]) -> None:
+        """Follow a path from now on, or that of several on which the most progress is provable.
+
+        An arm that moves comes to rest first. A path begins where the arm rests.
+
+        Args:
+            path: One, or several that begin at the same place; the first ones are preferred.
+
+        Raises:
+            ArmguardError: There is none, or one is of other joints or not from rest to rest.
+        """
+        paths = [path] if isinstance(path, Path) else list(path)
+        if not paths:
+            raise ArmguardError("path", "is none", expected="one or several")
+        self._paths = FollowPaths(paths, self.limits, self._period, self._look_ahead)
+        self._task = self._paths
+
+    @property
+    def progress(self) -> float:
+        """How far the arm has come on its path, of 1; 0 without a path."""
+        paths = self._paths
+        return 0.0 if paths is None else min(1.0, paths.progress / paths.duration)
+
+    def reset(self) -> None:
+        """Forget the motion that the arm was on, and reset the monitor; the arm must rest."""
+        self._monitor.reset()
+        self._piece = None
+        self._has_left = False
+
+    def step(
+        self,
+        now: float,
+        q: ArrayLike,
+        v: ArrayLike,
+        stamp: float | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        chunk: ArrayLike | None = None,
+    ) -> Command:
+        """Judge a joint state, and find the motion to follow from now on.
+
+        Without a velocity or a chunk the arm goes on with its path, or with the points of the last
+        chunk. Never raises on bad data, see `Monitor.step`.
+
+        Args:
+            now: Time of this step, in [s].
+            q: Joint positions in the order of `robot.joints`, in [rad] or [m]. Shape (nv,).
+            v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
+            stamp: When they were measured, in [s]; `now` unless given.
+            velocity: To be kept until the next step says otherwise, in [rad]/[s] or [m]/[s]; slower
+                as a whole where it is beyond limits. Shape (nv,).
+            chunk: The next positions, the first one a chunk's period from now, in [rad] or [m].
+                Shape (k, nv).
+        """
+        verdict = self._monitor.step(now if stamp is None else stamp, q, v, now)
+        reason = self._choose_task(velocity, chunk)
+        piece = self._find_piece(now, q, v, verdict)
+        if piece is None:
+            return Command(
+                *self._nowhere, False, now, 0.0, False, BRAKE, verdict, reason,
+                verdict.contact_speed,
+            )  # fmt: skip
+        begin, is_new = now + self._latency, False
+        if self._task is not None and not self._has_left:
+            for motion in self._task.offer(piece.find_motion(begin), begin):
+                candidate = self._join(piece, now, begin, motion)
+                answer = self._commit(now, candidate.samples)
+                if answer.safe:
+                    piece, is_new = candidate, True
+                    break
+                reason = reason or answer.reasons[0]
+        self._piece = piece
+        motion = piece.find_motion(begin)
+        samples = piece.samples
+        executed = self._points.count_passed(motion) if self._task is self._points else 0
+        return Command(
+            *samples,
+            is_new,
+            float(samples.times[-1]),
+            0.0 if self._task is None else self._task.find_scale(motion, begin),
+            bool(samples.times[-1] > now and samples.v.any()),
+            BRAKE if self._has_left else None,
+            verdict,
+            reason,
+            verdict.contact_speed,
+            executed,
+        )
+
+    def _choose_task(self, velocity: ArrayLike | None, chunk: ArrayLike | None) -> Reason | None:
+        """Take what is asked for; a reason where it cannot be used."""
+        joints = len(self._velocity.velocity)
+        if chunk is not None:
+            points = _read_numbers(chunk)
+            if points is None or not (points.ndim == 2 and points.shape[1] == joints):
+                self._task = self._paths
+                return _refuse("chunk", f"is no finite array of the shape (points, {joints})")
+            self._points.take(points)
+            self._task = self._points
+        elif velocity is not None:
+            wanted = _read_numbers(velocity)
+            is_usable = wanted is not None and wanted.shape == (joints,)
+            self._velocity.velocity = wanted if is_usable else np.zeros(joints)
+            self._task = self._velocity
+            if not is_usable:
+                return _refuse("velocity", f"is no finite array of the shape ({joints},)")
+        elif self._task is self._velocity:
+            # Nobody asks for the velocity any more.
+            self._velocity.velocity = np.zeros(joints)
+            self._task = self._paths or self._velocity
+        return None
+
+    def _find_piece(
+        self, now: float, q: ArrayLike, v: ArrayLike, verdict: Verdict
+    ) -> _Piece | None:
+        """What the arm is on; None where nothing is known of where it is.
+
+        An arm that had to leave its motion, to brake by its own means, is taken to be where it was
+        measured once it rests and the motion has ended.
+        """
+        piece = self._piece
+        if piece is not None:
+            ends = piece.samples.times[-1]
+            self._has_left |= verdict.stop == BRAKE and now < ends
+            if not (self._has_left and now >= ends):
+                return piece
+        place, speeds = _read_numbers(q), _read_numbers(v)
+        shape = self.limits.velocity.shape
+        if place is None or speeds is None or not place.shape == speeds.shape == shape:
+            return piece
+        if not (np.abs(speeds) <= self._at_rest).all():
+            return piece
+        self._has_left = False
+        rest = Rest(place, now)
+        return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
+
+    def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
+        """What the arm is on until a time, and then another motion."""
+        last = piece.find_motion(now)
+        motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
+        motions.append((begin, motion))
+        parts = []
+        for k, (at, one) in enumerate(motions):
+            knots = one.find_knots(at)
+            if k + 1 < len(motions):
+                knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
+            knots = np.concatenate([[at], knots])
+            fill = [
+                np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
+                for first, second in zip(knots[:-1], knots[1:], strict=True)
+                if second - first > LEAST_GRAIN
+            ]
+            if k + 1 == len(motions):
+                fill.append(knots[-1:] if len(fill) else knots[-1:] + self._period)
+            parts.append(one.sample(np.concatenate(fill)) if fill else None)
+        samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
+        samples.v[-1] = samples.a[-1] = 0.0
+        return _Piece(tuple(motions), samples)
+
+    def _commit(self, now: float, samples: Samples) -> PlanVerdict:
+        plan = Plan(now, samples.times - samples.times[0], samples.q, samples.v, *self._errors)
+        return self._monitor.commit(plan)
+
+
+def _read(name: str, value: ArrayLike, joints: int) -> FloatArray:
+    """A number for each joint, above 0."""
+    numbers = _read_numbers(value)
+    if numbers is None or numbers.shape not in ((), (joints,)) or not (numbers > 0.0).all():
+        expected = "a number above 0" + (f", or {joints} of them" if joints > 1 else "")
+        raise ArmguardError(name, f"is {value!r}", expected=expected)
+    return np.zeros(joints) + numbers
+
+
+def _read_numbers(values: object) -> FloatArray | None:
+    """An array of its own; None where it is none, or not finite."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    return array if np.isfinite(array).all() else None
+
+
+def _refuse(subject: str, detail: str) -> Reason:
+    return Reason(ReasonKind.PLAN_REFUSED, subject, detail)

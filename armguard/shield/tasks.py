@@ -1,0 +1,277 @@
+"""What a shield is asked to do: follow paths, keep velocities, or follow the points of a policy.
+
+A task offers motions, the best first. Each of them goes on for a while as the task would have it,
+and then stops. The first one goes on for the time to look ahead: where it is refused, there is
+still time to slow down gently, and that is what the others do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import LIMIT_SLACK
+from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.motion import AlongPath, JointByJoint, Motion, Phase
+from armguard.shield.path import SAME_PLACE, MotionLimits, Path, TimedPath
+
+HOLD_SHARE = 0.5
+"""Of the time to look ahead, for a motion that keeps its pace."""
+
+GENTLE = 0.6
+"""To this share of its pace a motion slows down where no more is proved."""
+
+CREEPING = 0.02
+"""A slower pace than this is not kept up, but stopped."""
+
+FAR = 4.0
+"""How many times farther ahead is looked where there are several paths to choose from."""
+
+PASSED = 1.0
+"""How far ahead on its path an arm may have come to rest that left it to brake, in [s]."""
+
+LEAST_ROOM = 0.8
+"""Of the way to a position limit, what braking is to take at most."""
+
+
+class Task(Protocol):
+    """What the arm is to do."""
+
+    def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
+        """Motions that go on from another one at a time, the best first.
+
+        Args:
+            motion: What the arm is on by then.
+            begin: When, in [s].
+        """
+
+    def find_scale(self, motion: Motion, time: float) -> float:
+        """How fast a motion is at a time in [s], as a share of what was asked for; 0 to 1."""
+
+
+class FollowPaths:
+    """Follows a path, or that of several on which the most progress is provable.
+
+    Args:
+        paths: From where the arm rests; the first ones are preferred.
+        limits: That the joints keep to.
+        period: Of steps, in [s].
+        look_ahead: In [s], >= period.
+
+    Raises:
+        ArmguardError: A path is of other joints, or does not begin and end at rest.
+    """
+
+    def __init__(
+        self, paths: Sequence[Path], limits: MotionLimits, period: float, look_ahead: float
+    ) -> None:
+        self._paths = [TimedPath(path, limits) for path in paths]
+        self._limits, self._period, self._look_ahead = limits, period, look_ahead
+        self._changes = PaceChanges(limits)
+        self._path = self._paths[0]
+        self._place = 0.0
+
+    @property
+    def progress(self) -> float:
+        """How far the arm has come, in [s] of the clock of the path that it is on."""
+        return self._place
+
+    @property
+    def duration(self) -> float:
+        """Of the path that the arm is on, in [s] of its clock."""
+        return self._path.duration
+
+    def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
+        """Motions that go on from another one at a time, the best first."""
+        if isinstance(motion, AlongPath) and motion.path in self._paths:
+            self._path = motion.path
+            place = motion.find_place(begin)
+            self._place = place[0]
+            if motion.end > begin:
+                yield from self._go_on(place, begin)
+                return
+        elif motion.end > begin:
+            # On its way to the path, or on another one, it does not turn round before it rests.
+            if isinstance(motion, AlongPath):
+                yield from self._vary(motion.path, motion.find_place(begin), begin)
+            return
+        q = motion.sample(np.array([begin])).q[0]
+        starts = list(self._find_starts(q))
+        for lasting in (FAR * self._look_ahead, self._look_ahead)[len(starts) < 2 :]:
+            for path, place in starts:
+                if place < path.duration:
+                    going = self._changes.go_and_stop(path, (place, 0.0, 0.0), begin, lasting, 1.0)
+                    if going is not None:
+                        yield going
+
+    def find_scale(self, motion: Motion, time: float) -> float:
+        """The pace along the path."""
+        return motion.find_place(time)[1] if isinstance(motion, AlongPath) else 0.0
+
+    def _find_starts(self, q: FloatArray) -> Iterator[tuple[TimedPath, float]]:
+        """From where a resting arm can go on: paths, and places on them in [s]."""
+        for path in self._paths:
+            if path is self._path:
+                place, apart = path.find_nearest(q, self._place, self._place + PASSED)
+            else:
+                place, apart = path.find_nearest(q, 0.0, path.duration)
+            if apart <= SAME_PLACE:
+                yield path, place
+            elif path is self._path:
+                # Back to the path, straight on, from where it was left to brake.
+                back = np.stack([q, path.evaluate(np.array([place]))[0][0]])
+                yield TimedPath(Path(back), self._limits), 0.0
+
+    def _go_on(self, place: tuple[float, float, float], begin: float) -> Iterator[Motion]:
+        if place[0] < self._path.duration:
+            yield from self._vary(self._path, place, begin)
+
+    def _vary(
+        self, path: TimedPath, place: tuple[float, float, float], begin: float
+    ) -> Iterator[Motion]:
+        """At full pace, at the same one, and slowing down gently."""
+        pace, ahead = place[1], self._look_ahead
+        options = [(1.0, ahead)]
+        if pace > CREEPING:
+            options += [(pace, max(HOLD_SHARE * ahead, self._period)), (GENTLE * pace, self._period)]
+        for wanted, lasting in options:
+            going = self._changes.go_and_stop(path, place, begin, lasting, wanted)
+            if going is not None:
+                yield going
+
+
+class KeepVelocity:
+    """Moves the joints at a velocity, as long as that is asked for: jogging, or a policy.
+
+    Args:
+        limits: That the joints keep to.
+        lower: Position limits, in [rad] or [m]. Shape (nv,).
+        upper: Alike.
+        period: Of steps, in [s].
+        look_ahead: In [s], >= period.
+    """
+
+    def __init__(
+        self,
+        limits: MotionLimits,
+        lower: FloatArray,
+        upper: FloatArray,
+        period: float,
+        look_ahead: float,
+    ) -> None:
+        self._limits, self._lower, self._upper = limits, lower, upper
+        self._period, self._look_ahead = period, look_ahead
+        self._changes = JointChanges(limits)
+        self.velocity = np.zeros(len(lower))
+
+    def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
+        """Motions that go on from another one at a time, the best first."""
+        state = motion.sample(np.array([begin]))
+        wanted, ahead = self._clip(state.q[0]), self._look_ahead
+        if motion.end <= begin and not wanted.any():
+            return
+        v = state.v[0]
+        options = [(wanted, ahead)]
+        if np.abs(v / self._limits.velocity).max() > CREEPING:
+            options += [(v, max(HOLD_SHARE * ahead, self._period)), (GENTLE * v, self._period)]
+        for velocity, lasting in options:
+            yield self._changes.go_and_stop(state, begin, lasting, velocity)
+
+    def find_scale(self, motion: Motion, time: float) -> float:
+        """The velocity, as a share of the one that was asked for."""
+        asked = float(np.abs(self.velocity).max())
+        v = motion.sample(np.array([time])).v[0]
+        return min(1.0, float(np.abs(v).max()) / asked) if asked > 0.0 else 0.0
+
+    def _clip(self, q: FloatArray) -> FloatArray:
+        """The velocity, slower as a whole within limits, and joint by joint near position limits.
+
+        A joint that goes at sqrt(b d) stops in half of the way d that is left to its limit, with
+        its guaranteed braking b. The other half is for the jerk, and for the time to look ahead.
+        """
+        excess = float(np.abs(self.velocity / self._limits.velocity).max())
+        velocity = self.velocity / max(excess, 1.0)
+        for room, sign in ((self._upper - q, 1.0), (q - self._lower, -1.0)):
+            left = np.maximum(room, 0.0)
+            with np.errstate(invalid="ignore"):
+                most = np.minimum(
+                    np.sqrt(self._limits.braking * left), LEAST_ROOM * left / self._look_ahead
+                )
+            velocity = np.where(sign * velocity > most, sign * most, velocity)
+        return velocity
+
+
+class FollowPoints:
+    """Follows a policy's next positions, as far as that is provable; what is left is dropped.
+
+    Args:
+        limits: That the joints keep to.
+        lower: Position limits, in [rad] or [m]. Shape (nv,).
+        upper: Alike.
+        period: Of steps, in [s].
+        look_ahead: In [s], >= period.
+        apart: Between points, in [s].
+    """
+
+    def __init__(
+        self,
+        limits: MotionLimits,
+        lower: FloatArray,
+        upper: FloatArray,
+        period: float,
+        look_ahead: float,
+        apart: float,
+    ) -> None:
+        self._limits, self._lower, self._upper = limits, lower, upper
+        self._period, self._look_ahead, self._apart = period, look_ahead, apart
+        self._changes = JointChanges(limits)
+        self._points: FloatArray | None = None
+        self._phases: list[Phase] = []
+
+    def take(self, points: FloatArray) -> None:
+        """Follow other points from the next offer on. Shape (k, nv)."""
+        self._points = np.clip(points, self._lower, self._upper)
+        self._phases = []
+
+    def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
+        """Motions that go on from another one at a time, the best first."""
+        if self._points is not None and not self._phases:
+            self._lay_out(motion, begin)
+        if not self._phases or begin >= self._end:
+            return
+        for lasting in (self._look_ahead, self._period):
+            yield self._changes.stop_after(self._phases, min(begin + lasting, self._end))
+        # What could not be proved is dropped, and the arm stops.
+        self._points, self._phases = None, []
+
+    def count_passed(self, motion: Motion) -> int:
+        """Of how many points the time comes before a motion's stop begins."""
+        if not (self._phases and isinstance(motion, JointByJoint)):
+            return 0
+        followed = motion.phases[-1].begin - self._phases[0].begin
+        return int(followed / self._apart + LIMIT_SLACK)
+
+    def find_scale(self, motion: Motion, time: float) -> float:
+        """1 while points are followed, else 0."""
+        return 1.0 if self._phases else 0.0
+
+    def _lay_out(self, motion: Motion, begin: float) -> None:
+        """Phases from point to point, each passed at the mean velocity around it."""
+        assert self._points is not None, "there is something to lay out"
+        points = self._points
+        state = motion.sample(np.array([begin]))
+        places = np.concatenate([state.q, points])
+        after = np.concatenate([places[2:], places[-1:]])
+        most = self._changes.top_speed
+        passing = np.clip((after - places[:-1]) / (2.0 * self._apart), -most, most)
+        passing[-1] = 0.0
+        self._phases = []
+        for k, (q, velocity) in enumerate(zip(points, passing, strict=True)):
+            phase = self._changes.track(state, begin + k * self._apart, self._apart, q, velocity)
+            self._phases.append(phase)
+            last = phase.begin + self._apart
+            state = JointByJoint([phase]).sample(np.array([last]))
+        self._end = last
