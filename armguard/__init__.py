@@ -12,7 +12,8 @@ By default the arm may do whatever its joints' limits allow, and each obstacle i
 at the price of a few. Between ticks `monitor.explain()` says why a verdict is as it is,
 `monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
 sensor should measure next. `Monitor.auto` chooses settings by a trial. A controller that shares its
-next piece of trajectory, a `Plan`, asks `monitor.commit(plan)` whether it is safe. With a
+next piece of trajectory, a `Plan`, asks `monitor.commit(plan)` whether it is safe; a `Shield`
+moves the arm along such pieces alone. With a
 `SeparationRule` each verdict carries the margin of the usual separation distance, too. A `Recorder`
 writes all that a monitor is told and all that it answers, for `armguard replay`.
 """
@@ -35,7 +36,15 @@ from armguard.robot.robot import Robot
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import Settings
-from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import (
+    Held,
+    Level,
+    PlanChoice,
+    PlanVerdict,
+    Reason,
+    ReasonKind,
+    Verdict,
+)
 
 if TYPE_CHECKING:
     from armguard import people
@@ -50,6 +59,9 @@ if TYPE_CHECKING:
     from armguard.pairs.arm_obstacles import ArmObstacles
     from armguard.pairs.cloud_filter import CloudFilter
     from armguard.recording.recorder import Recorder
+    from armguard.shield.command import Command
+    from armguard.shield.path import Path
+    from armguard.shield.shield import Shield
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
@@ -58,11 +70,14 @@ else:
             "Attention": "armguard.monitor.headroom",
             "Certificate": "armguard.contact.earliest",
             "CloudFilter": "armguard.pairs.cloud_filter",
+            "Command": "armguard.shield.command",
             "CoverReport": "armguard.cover.report",
             "Explanation": "armguard.monitor.explain",
             "Headroom": "armguard.monitor.headroom",
+            "Path": "armguard.shield.path",
             "Plan": "armguard.bounds.planned.plan",
             "Recorder": "armguard.recording.recorder",
+            "Shield": "armguard.shield.shield",
             "certificate": "armguard.contact.certificate",
             "choose_settings": "armguard.lab.choice",
             "people": "armguard.people",
@@ -77,6 +92,7 @@ __all__ = [
     "Certificate",
     "Choice",
     "CloudFilter",
+    "Command",
     "ContactLimit",
     "ContactLimits",
     "Cover",
@@ -91,7 +107,9 @@ __all__ = [
     "Obstacles",
     "OperatingLimits",
     "PairReport",
+    "Path",
     "Plan",
+    "PlanChoice",
     "PlanVerdict",
     "Reason",
     "ReasonKind",
@@ -99,6 +117,7 @@ __all__ = [
     "Robot",
     "SeparationRule",
     "Settings",
+    "Shield",
     "Snapshot",
     "Source",
     "TrialTick",

@@ -478,3 +478,13 @@ class PlanVerdict(NamedTuple):
     """Its obstacle, alike."""
     reasons: tuple[Reason, ...]
     """Why not."""
+
+
+class PlanChoice(NamedTuple):
+    """Which of several plans the arm may follow; frozen."""
+
+    number: int | None
+    """Of the one that was committed, from 0, in the order in which they were offered; None: none
+    was safe."""
+    verdicts: tuple[PlanVerdict, ...]
+    """The answers to those that were judged, in their order."""

@@ -57,7 +57,7 @@ from armguard.scheduling.scheduler import NOTHING_FOUND, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.declarations import read_number
 from armguard.settings.settings import Settings
-from armguard.verdict import Effect, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, PlanChoice, PlanVerdict, Reason, ReasonKind, Verdict
 
 if TYPE_CHECKING:
     from armguard.bounds.planned.plan import CheckedPlan, Plan
@@ -483,7 +483,44 @@ class Monitor:
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
         """
-        return self._judge_plan(plan)
+        return self.fastest([plan]).verdicts[-1]
+
+    def fastest(self, candidates: Iterable[Plan]) -> PlanChoice:
+        """Commit the first piece of several that is safe, and no other; see `commit`.
+
+        So a controller offers what it would like best first, and what is slower after that. A
+        candidate is taken from the iterable only once all before it were refused, so that slower
+        ones need not be made in vain.
+
+        Args:
+            candidates: Pieces, each ending at rest, on the clock of the joint states' stamps.
+
+        Returns:
+            Which one was committed, if any, and the answers to those that were judged.
+
+        Raises:
+            ArmguardError: The monitor was not made with motion="planned".
+        """
+        pieces = self._find_pieces("commit")
+        # A plan is run to its end whatever verdicts say, so it is judged by all pairs.
+        rows = self._exemptions.suspend()
+        if len(rows):
+            self._scheduler.watch_anew(rows)
+        tick, journal = self._find_tick_to_plan(), self.journal
+        answers: list[PlanVerdict] = []
+        for number, plan in enumerate(candidates):
+            if journal is not None:
+                journal.note_plan(plan)
+            answer = tick if isinstance(tick, PlanVerdict) else pieces.commit(plan, tick)
+            if journal is not None:
+                journal.note_plan_verdict(answer)
+            answers.append(answer)
+            if answer.safe:
+                return PlanChoice(number, tuple(answers))
+            if answer is tick:
+                # So would be all others.
+                break
+        return PlanChoice(None, tuple(answers))
 
     @property
     def plans(self) -> list[CheckedPlan]:
@@ -666,21 +703,6 @@ class Monitor:
         if self._judge.pieces is None:
             raise ArmguardError(method, "needs plans", remedy='Monitor(..., motion="planned")')
         return self._judge.pieces
-
-    def _judge_plan(self, plan: Plan) -> PlanVerdict:
-        """The answer to a plan, by what the last tick found."""
-        pieces = self._find_pieces("commit")
-        if self.journal is not None:
-            self.journal.note_plan(plan)
-        # A plan is run to its end whatever verdicts say, so it is judged by all pairs.
-        rows = self._exemptions.suspend()
-        if len(rows):
-            self._scheduler.watch_anew(rows)
-        tick = self._find_tick_to_plan()
-        answer = tick if isinstance(tick, PlanVerdict) else pieces.commit(plan, tick)
-        if self.journal is not None:
-            self.journal.note_plan_verdict(answer)
-        return answer
 
     def _find_tick_to_plan(self) -> Tick | PlanVerdict:
         """The last tick, if a plan can be judged by it; else why not."""

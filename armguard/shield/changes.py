@@ -6,6 +6,8 @@ is made of it carries its own stop.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
 
@@ -13,6 +15,9 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.shield.motion import AlongPath, JointByJoint, Phase, Samples
 from armguard.shield.path import MotionLimits, TimedPath
+
+Values = Sequence[float] | FloatArray
+"""Of each joint one."""
 
 SLOWEST = 1e-9
 """What is slower counts as no motion, in the units of joints or of a path's pace."""
@@ -65,7 +70,7 @@ class PaceChanges:
         Returns:
             None where the joints' limits leave no change of pace.
         """
-        at, now, change = place
+        at, now, _ = place
         fastest = max(now, pace)
         way = fastest * (lasting + 0.1)
         for _ in range(MOST_LOOKS):
@@ -145,7 +150,7 @@ class JointChanges:
             lasting: Until the stop begins, in [s].
             velocity: Of all joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
         """
-        going = self._reach(*state[1:], velocity, self._going)
+        going = self._reach(state.q[0], state.v[0], state.a[0], velocity, self._going)
         return self.stop_after([Phase(begin, going)], begin + lasting)
 
     def track(
@@ -173,19 +178,20 @@ class JointChanges:
         """A motion that leaves some phases at a time, in [s], and stops as hard as it may."""
         kept = [phase for phase in phases if phase.begin < time]
         begin, trajectory = kept[-1]
-        stopping = self._reach(*trajectory.at_time(time - begin), self._rest, self._braking)
+        q, v, a = trajectory.at_time(time - begin)
+        stopping = self._reach(q, v, a, self._rest, self._braking)
         return JointByJoint([*kept, Phase(time, stopping)])
 
     def _reach(
-        self, q: FloatArray, v: FloatArray, a: FloatArray, velocity: FloatArray, change: FloatArray
+        self, q: Values, v: Values, a: Values, velocity: Values, change: FloatArray
     ) -> Trajectory:
         """From a state to a velocity, each joint in its own time."""
         self._given.control_interface = ControlInterface.Velocity
         self._given.synchronization = Synchronization.No
-        return self._calculate(*map(np.ravel, (q, v, a)), velocity, change)
+        return self._calculate(q, v, a, velocity, change)
 
     def _calculate(
-        self, q: FloatArray, v: FloatArray, a: FloatArray, velocity: FloatArray, change: FloatArray
+        self, q: Values, v: Values, a: Values, velocity: Values, change: FloatArray
     ) -> Trajectory:
         given = self._given
         given.current_position, given.current_velocity, given.current_acceleration = q, v, a

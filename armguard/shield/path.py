@@ -133,7 +133,7 @@ class TimedPath:
         if path.times is None or stretch > 1.0:
             curve = CubicSpline(times * stretch, q, bc_type="clamped")
         self.duration = float(curve.x[-1])
-        self._derivatives = [curve, *(curve.derivative(order) for order in (1, 2, 3))]
+        self._knots, self._coefficients = curve.x, curve.c
 
     def evaluate(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Positions, and their first three derivatives by the path's own clock.
@@ -147,10 +147,16 @@ class TimedPath:
             q, q', q'' and q''', in [rad] or [m], by [s], [s²] and [s³]. Shape (n, nv) each.
         """
         inside = np.minimum(at, self.duration)
-        q, slope, bend, turn = (one(inside) for one in self._derivatives)
+        k = np.minimum(np.searchsorted(self._knots, inside, side="right"), len(self._knots) - 1) - 1
+        since = (inside - self._knots[k])[:, None]
+        cubic, square, linear, constant = self._coefficients[:, k]
         moves = (at < self.duration)[:, None]
-        return q, slope * moves, bend * moves, turn * moves
-
+        return (
+            ((cubic * since + square) * since + linear) * since + constant,
+            ((3.0 * cubic * since + 2.0 * square) * since + linear) * moves,
+            (6.0 * cubic * since + 2.0 * square) * moves,
+            6.0 * cubic * moves,
+        )
 
     def find_nearest(self, q: FloatArray, first: float, last: float) -> tuple[float, float]:
         """Where between two times of its clock the path comes nearest to a place.

@@ -13,8 +13,9 @@ that are proved for less; so the hardest stop, which every command carries, is s
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -182,13 +183,12 @@ class Shield:
             )  # fmt: skip
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
-            for motion in self._task.offer(piece.find_motion(begin), begin):
-                candidate = self._join(piece, now, begin, motion)
-                answer = self._commit(now, candidate.samples)
-                if answer.safe:
-                    piece, is_new = candidate, True
-                    break
-                reason = reason or answer.reasons[0]
+            shown: list[_Piece] = []
+            choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            if choice.verdicts and not choice.verdicts[0].safe:
+                reason = reason or choice.verdicts[0].reasons[0]
+            if choice.number is not None:
+                piece, is_new = shown[choice.number], True
         self._piece = piece
         motion = piece.find_motion(begin)
         samples = piece.samples
@@ -218,10 +218,11 @@ class Shield:
             self._task = self._points
         elif velocity is not None:
             wanted = _read_numbers(velocity)
-            is_usable = wanted is not None and wanted.shape == (joints,)
-            self._velocity.velocity = wanted if is_usable else np.zeros(joints)
             self._task = self._velocity
-            if not is_usable:
+            if wanted is not None and wanted.shape == (joints,):
+                self._velocity.velocity = wanted
+            else:
+                self._velocity.velocity = np.zeros(joints)
                 return _refuse("velocity", f"is no finite array of the shape ({joints},)")
         elif self._task is self._velocity:
             # Nobody asks for the velocity any more.
@@ -266,7 +267,7 @@ class Shield:
             knots = np.concatenate([[at], knots])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
-                for first, second in zip(knots[:-1], knots[1:], strict=True)
+                for first, second in itertools.pairwise(knots)
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
@@ -276,9 +277,15 @@ class Shield:
         samples.v[-1] = samples.a[-1] = 0.0
         return _Piece(tuple(motions), samples)
 
-    def _commit(self, now: float, samples: Samples) -> PlanVerdict:
-        plan = Plan(now, samples.times - samples.times[0], samples.q, samples.v, *self._errors)
-        return self._monitor.commit(plan)
+    def _show(
+        self, task: Task, piece: _Piece, now: float, begin: float, shown: list[_Piece]
+    ) -> Iterator[Plan]:
+        """What a task offers, as pieces to be committed; each is noted as it is shown."""
+        for motion in task.offer(piece.find_motion(begin), begin):
+            candidate = self._join(piece, now, begin, motion)
+            shown.append(candidate)
+            times, q, v, _ = candidate.samples
+            yield Plan(now, times - now, q, v, *self._errors)
 
 
 def _read(name: str, value: ArrayLike, joints: int) -> FloatArray:

@@ -73,6 +73,7 @@ class FollowPaths:
         self._changes = PaceChanges(limits)
         self._path = self._paths[0]
         self._place = 0.0
+        self._back: TimedPath | None = None
 
     @property
     def progress(self) -> float:
@@ -86,24 +87,23 @@ class FollowPaths:
 
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
-        if isinstance(motion, AlongPath) and motion.path in self._paths:
-            self._path = motion.path
+        rests = motion.end <= begin
+        if isinstance(motion, AlongPath):
             place = motion.find_place(begin)
-            self._place = place[0]
-            if motion.end > begin:
-                yield from self._go_on(place, begin)
+            if motion.path in self._paths:
+                self._path, self._place = motion.path, place[0]
+            if not rests and place[0] < motion.path.duration:
+                if motion.path is self._path or motion.path is self._back:
+                    yield from self._vary(motion.path, place, begin)
+                # On a path of another task it comes to rest first.
                 return
-        elif motion.end > begin:
-            # On its way to the path, or on another one, it does not turn round before it rests.
-            if isinstance(motion, AlongPath):
-                yield from self._vary(motion.path, motion.find_place(begin), begin)
+        elif not rests:
             return
-        q = motion.sample(np.array([begin])).q[0]
-        starts = list(self._find_starts(q))
+        starts = list(self._find_starts(motion, begin))
         for lasting in (FAR * self._look_ahead, self._look_ahead)[len(starts) < 2 :]:
-            for path, place in starts:
-                if place < path.duration:
-                    going = self._changes.go_and_stop(path, (place, 0.0, 0.0), begin, lasting, 1.0)
+            for path, start in starts:
+                if start < path.duration:
+                    going = self._changes.go_and_stop(path, (start, 0.0, 0.0), begin, lasting, 1.0)
                     if going is not None:
                         yield going
 
@@ -111,9 +111,17 @@ class FollowPaths:
         """The pace along the path."""
         return motion.find_place(time)[1] if isinstance(motion, AlongPath) else 0.0
 
-    def _find_starts(self, q: FloatArray) -> Iterator[tuple[TimedPath, float]]:
+    def _find_starts(self, motion: Motion, time: float) -> Iterator[tuple[TimedPath, float]]:
         """From where a resting arm can go on: paths, and places on them in [s]."""
+        rests_on = motion.path if isinstance(motion, AlongPath) else None
+        if rests_on is self._path:
+            yield self._path, self._place
+            if len(self._paths) == 1:
+                return
+        q = motion.sample(np.array([time])).q[0]
         for path in self._paths:
+            if path is rests_on:
+                continue
             if path is self._path:
                 place, apart = path.find_nearest(q, self._place, self._place + PASSED)
             else:
@@ -123,11 +131,8 @@ class FollowPaths:
             elif path is self._path:
                 # Back to the path, straight on, from where it was left to brake.
                 back = np.stack([q, path.evaluate(np.array([place]))[0][0]])
-                yield TimedPath(Path(back), self._limits), 0.0
-
-    def _go_on(self, place: tuple[float, float, float], begin: float) -> Iterator[Motion]:
-        if place[0] < self._path.duration:
-            yield from self._vary(self._path, place, begin)
+                self._back = TimedPath(Path(back), self._limits)
+                yield self._back, 0.0
 
     def _vary(
         self, path: TimedPath, place: tuple[float, float, float], begin: float
@@ -136,7 +141,10 @@ class FollowPaths:
         pace, ahead = place[1], self._look_ahead
         options = [(1.0, ahead)]
         if pace > CREEPING:
-            options += [(pace, max(HOLD_SHARE * ahead, self._period)), (GENTLE * pace, self._period)]
+            options += [
+                (pace, max(HOLD_SHARE * ahead, self._period)),
+                (GENTLE * pace, self._period),
+            ]
         for wanted, lasting in options:
             going = self._changes.go_and_stop(path, place, begin, lasting, wanted)
             if going is not None:
@@ -238,9 +246,13 @@ class FollowPoints:
 
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
-        if self._points is not None and not self._phases:
+        if self._phases and not self._is_followed(motion, begin):
+            self._points, self._phases = None, []
+        if self._points is None:
+            return
+        if not self._phases:
             self._lay_out(motion, begin)
-        if not self._phases or begin >= self._end:
+        if begin >= self._end:
             return
         for lasting in (self._look_ahead, self._period):
             yield self._changes.stop_after(self._phases, min(begin + lasting, self._end))
@@ -258,6 +270,13 @@ class FollowPoints:
         """1 while points are followed, else 0."""
         return 1.0 if self._phases else 0.0
 
+    def _is_followed(self, motion: Motion, begin: float) -> bool:
+        """Whether a motion is still on the way from point to point at a time."""
+        if not isinstance(motion, JointByJoint):
+            return False
+        phases = motion.phases
+        return phases[0] is self._phases[0] and begin <= phases[-1].begin
+
     def _lay_out(self, motion: Motion, begin: float) -> None:
         """Phases from point to point, each passed at the mean velocity around it."""
         assert self._points is not None, "there is something to lay out"
@@ -272,6 +291,6 @@ class FollowPoints:
         for k, (q, velocity) in enumerate(zip(points, passing, strict=True)):
             phase = self._changes.track(state, begin + k * self._apart, self._apart, q, velocity)
             self._phases.append(phase)
-            last = phase.begin + self._apart
-            state = JointByJoint([phase]).sample(np.array([last]))
-        self._end = last
+            state = JointByJoint([phase]).sample(np.array([phase.begin + self._apart]))
+        # At the last one it rests, if it takes a little longer.
+        self._end = phase.begin + float(phase.trajectory.duration)

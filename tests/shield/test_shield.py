@@ -1,0 +1,220 @@
+import numpy as np
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.monitor import Monitor
+from armguard.obstacles import Obstacles
+from armguard.robot import Robot
+from armguard.shield import Path, Shield
+from armguard.shield.shield import LEAST_GRAIN
+from armguard.verdict import BRAKE
+from support.shielded_arm import HOME, RATE, ShieldedArm
+
+NEAR = np.array([0.5, 0.1, 0.0, 0.1, 0.0, 0.2, 0.0])
+
+
+def make_path(random=None, count=4):
+    """A way from home through some places near it."""
+    random = np.random.default_rng(1) if random is None else random
+    return Path(np.concatenate([[HOME], HOME + random.uniform(-0.4, 0.4, (count, 7))]))
+
+
+def check_limits(arm, jerk_slack=1.02):
+    """That what the arm did keeps its limits and never jumps."""
+    limits = arm.shield.limits
+    q, v, a = (np.array([state[k] for state in arm.moved]) for k in range(3))
+    assert np.abs(np.diff(q, axis=0)).max() <= 1e-3 * limits.velocity.max() + 1e-9
+    assert (np.abs(v) <= limits.velocity + 1e-6).all()
+    speeding = np.where(v * a > 0.0, np.abs(a), 0.0)
+    assert (speeding <= limits.acceleration + 1e-3).all()
+    assert (np.abs(a) <= np.maximum(limits.braking, limits.acceleration) + 1e-3).all()
+    # Over 10 ms, so that what rounding does to differences does not count.
+    jerks = np.abs(a[10:] - a[:-10]) / 0.01
+    assert (jerks <= limits.jerk * jerk_slack).all(), (jerks / limits.jerk).max()
+
+
+def test_an_arm_that_nothing_hinders_follows_its_path_to_the_end():
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(3000):
+        command = arm.step()
+        if arm.shield.progress == 1.0 and not command.moving:
+            break
+    assert arm.shield.progress == 1.0
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+    assert arm.now < 20.0
+    check_limits(arm)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_is_asked_the_arm_touches_nothing_and_keeps_its_limits(seed):
+    random = np.random.default_rng(seed)
+    arm = ShieldedArm(seed, balls=1 + seed % 2)
+    arm.shield.set_path(make_path(random))
+    wish = {}
+    moved = 0.0
+    for tick in range(600):
+        if tick % 40 == 0:
+            kind = random.integers(4)
+            if kind == 0:
+                wish = {}
+            elif kind == 1:
+                wish = {"velocity": random.uniform(-2.0, 2.0, 7)}
+            elif kind == 2:
+                wish = {}
+                start = arm.q + np.zeros((20, 1))
+                points = start + np.cumsum(random.uniform(-0.01, 0.01, (20, 7)), axis=0)
+                arm.step(chunk=points)
+            else:
+                wish = {"velocity": random.choice([np.nan, np.inf, "no", None], 7)}
+        silent = 100 < tick % 200 < 104
+        before = arm.q
+        arm.step(sees=random.random() > 0.05, asks=not silent, **wish)
+        moved += float(np.abs(arm.q - before).max())
+    assert arm.contacts == 0
+    assert moved > 0.03
+    check_limits(arm)
+
+
+def test_a_silent_caller_is_left_on_a_motion_that_rests():
+    arm = ShieldedArm(3)
+    for _ in range(40):
+        command = arm.step(velocity=NEAR)
+    assert command.moving
+    for _ in range(200):
+        arm.step(asks=False)
+    assert arm.now > command.valid_until
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    assert arm.q == pytest.approx(command.q[-1])
+    assert arm.contacts == 0
+
+
+def test_every_command_is_what_the_monitor_has_committed_last():
+    arm = ShieldedArm(4)
+    arm.shield.set_path(make_path())
+    shown = []
+    fastest = arm.monitor.fastest
+
+    def note(candidates):
+        candidates = list(candidates)
+        choice = fastest(candidates)
+        if choice.number is not None:
+            shown.append(candidates[choice.number])
+        return choice
+
+    arm.monitor.fastest = note
+    for _ in range(300):
+        count = len(shown)
+        command = arm.step()
+        assert command.is_new == (len(shown) > count)
+        if shown:
+            assert command.times == pytest.approx(shown[-1].stamp + shown[-1].times, abs=1e-9)
+            assert command.q == pytest.approx(shown[-1].q, abs=0.0)
+            assert not command.v[-1].any()
+            assert (np.diff(command.times) >= LEAST_GRAIN).all()
+    assert shown
+
+
+def test_a_jog_keeps_the_velocity_and_stops_before_position_limits():
+    arm = ShieldedArm(0, balls=0)
+    robot = arm.monitor.robot
+    wanted = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, -0.2])
+    for _ in range(150):
+        command = arm.step(velocity=wanted)
+    assert arm.v == pytest.approx(wanted, abs=1e-6)
+    assert command.scale == pytest.approx(1.0)
+    for _ in range(1500):
+        arm.step(velocity=wanted)
+    assert (arm.q < robot.upper_position_limit).all()
+    assert (arm.q > robot.lower_position_limit).all()
+    assert arm.q[0] > robot.upper_position_limit[0] - 0.05
+    check_limits(arm)
+
+
+def test_a_chunk_is_followed_and_told_how_far():
+    arm = ShieldedArm(0, balls=0, chunk_period=0.04)
+    for _ in range(5):
+        arm.step()
+    points = HOME + 0.002 * np.arange(1, 21)[:, None] ** 1.5 * np.eye(7)[0]
+    command = arm.step(chunk=points)
+    assert 0 <= command.executed <= 3
+    for _ in range(200):
+        command = arm.step()
+    assert arm.q == pytest.approx(points[-1], abs=1e-3)
+    check_limits(arm)
+
+
+def test_nonsense_is_told_and_stops_the_arm():
+    arm = ShieldedArm(0, balls=0)
+    for _ in range(50):
+        arm.step(velocity=NEAR)
+    command = arm.step(velocity=[np.nan] * 7)
+    assert "velocity" in command.reason.subject
+    for _ in range(100):
+        arm.step(velocity="what")
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    command = arm.step(chunk=np.full((3, 2), 1.0))
+    assert "chunk" in command.reason.subject
+    check_limits(arm)
+
+
+def test_an_arm_that_was_left_to_brake_goes_back_to_its_path():
+    arm = ShieldedArm(0, balls=1)
+    arm.shield.set_path(make_path())
+    for _ in range(100):
+        arm.step()
+    assert arm.v.any()
+    # A ball appears right beside the arm, where none could have come from: bounds are broken.
+    ball = arm.balls[0]
+    ball.place = arm.centers[-1] + np.array([0.0, 0.0, 0.25])
+    seen = arm.step()
+    for _ in range(30):
+        seen = arm.step()
+        if seen.stop == BRAKE:
+            break
+    assert seen.stop == BRAKE
+    # The arm brakes by its own means, harder than the command.
+    arm.obstacles.remove(["ball0"])
+    arm.balls.clear()
+    was_commanded = seen.q[-1]
+    harder = 1.2 * arm.shield.limits.braking
+    for _ in range(400):
+        arm.see()
+        seen = arm.shield.step(arm.now, arm.q, arm.v)
+        if seen.is_new:
+            break
+        for _ in range(10):
+            slower = np.maximum(np.abs(arm.v) - 1e-3 * harder, 0.0) * np.sign(arm.v)
+            arm.q, arm.v = arm.q + 5e-4 * (arm.v + slower), slower
+        arm.now += 1.0 / RATE
+    assert seen.is_new
+    assert np.abs(arm.q - was_commanded).max() > 1e-3
+    assert seen.q[0] == pytest.approx(arm.q, abs=1e-9)
+    # It goes back to the path, and along it to the end.
+    arm.command = seen
+    for _ in range(1500):
+        arm.step()
+    assert arm.shield.progress == 1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"jerk": 0.0}, "jerk"),
+        ({"jerk": [1.0, 2.0]}, "jerk"),
+        ({"rate": np.nan}, "rate"),
+        ({"look_ahead": -1.0}, "look_ahead"),
+        ({"tracking_error": "a"}, "tracking_error"),
+    ],
+)
+def test_arguments_out_of_range_are_named(changes, named):
+    monitor = Monitor(Robot.load("panda"), Obstacles(sources=[]), motion="planned")
+    with pytest.raises(ArmguardError, match=named):
+        Shield(monitor, **{"jerk": 100.0, **changes})
+
+
+def test_a_monitor_of_another_motion_is_refused():
+    monitor = Monitor(Robot.load("panda"), Obstacles(sources=[]))
+    with pytest.raises(ArmguardError, match="planned"):
+        Shield(monitor, jerk=100.0)
