@@ -1,16 +1,8 @@
 """A shield that moves arms along proved motions alone; `Shield` is where to begin."""
 
-import importlib.util
 from typing import TYPE_CHECKING
 
-from armguard.exceptions import ArmguardError
 from armguard.lazy import lazy_names
-
-for _package in ("ruckig", "scipy"):
-    if importlib.util.find_spec(_package) is None:
-        raise ArmguardError(
-            "a shield", f"needs {_package}", remedy="pip install 'armguard[shield]'"
-        )
 
 if TYPE_CHECKING:
     from armguard.shield.command import Command

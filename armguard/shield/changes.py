@@ -9,12 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.shield.motion import AlongPath, JointByJoint, Phase, Samples
 from armguard.shield.path import MotionLimits, TimedPath
+
+try:
+    from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
+except ModuleNotFoundError:
+    raise ArmguardError(
+        "armguard.shield",
+        "needs the package ruckig, which is not installed",
+        remedy="pip install 'armguard[shield]'",
+    ) from None
 
 Values = Sequence[float] | FloatArray
 """Of each joint one."""
@@ -68,7 +76,7 @@ class PaceChanges:
             pace: To be approached until then, 0 to 1.
 
         Returns:
-            None where the joints' limits leave no change of pace.
+            None where the joints' limits leave no change of pace, or one that leads back first.
         """
         at, now, _ = place
         fastest = max(now, pace)
@@ -79,6 +87,8 @@ class PaceChanges:
                 return None
             going = self._reach(place, pace, speeding if pace > now else braking, jerk)
             left = tuple(values[0] for values in going.at_time(lasting))
+            if _turns_back(place, jerk) or _turns_back(left, jerk):
+                return None
             stopping = self._reach(left, 0.0, braking, jerk)
             passed = stopping.at_time(stopping.duration)[0][0] - at
             if passed <= way:
@@ -113,12 +123,17 @@ class PaceChanges:
         """From a place, pace and change to a pace."""
         given = self._given
         given.current_position = [state[0]]
-        # Rounding must not have it go back.
-        given.current_velocity = [max(state[1], 0.0)]
+        given.current_velocity = [state[1]]
         given.current_acceleration = [state[2]]
         given.target_velocity = [pace]
         given.max_acceleration, given.max_jerk = [change], [jerk]
         return _make_trajectory(self._generator, given)
+
+
+def _turns_back(state: tuple[float, ...], jerk: float) -> bool:
+    """Whether a pace that falls gets below 0, however soon the jerk ends its fall."""
+    _, pace, change = state
+    return pace - 0.5 * min(change, 0.0) ** 2 / jerk < -SLOWEST
 
 
 class JointChanges:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from armguard.bounds.planned.curve import evaluate_curve
 from armguard.jit.arrays import FloatArray
 from armguard.verdict import Reason, Verdict
 
@@ -39,3 +42,21 @@ class Command(NamedTuple):
     no contact limits are stated."""
     executed: int = 0
     """How many points of a chunk it passes before its stop begins."""
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Where the arm is to be at a time; before its beginning and after its end it rests there.
+
+        Args:
+            time: In [s] on the monitor's clock.
+
+        Returns:
+            Positions, velocities and accelerations, in [rad] or [m], and by [s] and [s²]. Shape
+            (nv,) each.
+        """
+        begin = float(self.times[0])
+        q, v = np.empty(self.q.shape[1]), np.empty(self.q.shape[1])
+        evaluate_curve(self.times - begin, self.q, self.v, time - begin, q, v)
+        k = min(max(int(np.searchsorted(self.times, time)), 1), len(self.times) - 1)
+        first, second = self.times[k - 1 : k + 1]
+        share = min(max((time - first) / (second - first), 0.0), 1.0)
+        return q, v, (1.0 - share) * self.a[k - 1] + share * self.a[k]

@@ -8,13 +8,15 @@ last phase brings everything to rest, where it stays.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from ruckig import Trajectory
 
 from armguard.jit.arrays import FloatArray
 from armguard.shield.path import TimedPath
+
+if TYPE_CHECKING:
+    from ruckig import Trajectory
 
 
 class Samples(NamedTuple):

@@ -16,10 +16,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
+
+try:
+    from scipy.interpolate import CubicSpline
+except ModuleNotFoundError:
+    raise ArmguardError(
+        "armguard.shield",
+        "needs the package scipy, which is not installed",
+        remedy="pip install 'armguard[shield]'",
+    ) from None
 
 MOST_SAMPLES = 200_000
 """Of a path; bounds the time that it takes to lay it out."""
@@ -130,7 +138,7 @@ class TimedPath:
             _check_rest(times, q, limits)
         curve = CubicSpline(times, q, bc_type="clamped")
         stretch = _find_stretch(curve, own)
-        if path.times is None or stretch > 1.0:
+        if stretch > 1.0 or (path.times is None and stretch > 0.0):
             curve = CubicSpline(times * stretch, q, bc_type="clamped")
         self.duration = float(curve.x[-1])
         self._knots, self._coefficients = curve.x, curve.c

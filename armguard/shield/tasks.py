@@ -33,9 +33,6 @@ FAR = 4.0
 PASSED = 1.0
 """How far ahead on its path an arm may have come to rest that left it to brake, in [s]."""
 
-LEAST_ROOM = 0.8
-"""Of the way to a position limit, what braking is to take at most."""
-
 
 class Task(Protocol):
     """What the arm is to do."""
@@ -197,17 +194,17 @@ class KeepVelocity:
     def _clip(self, q: FloatArray) -> FloatArray:
         """The velocity, slower as a whole within limits, and joint by joint near position limits.
 
-        A joint that goes at sqrt(b d) stops in half of the way d that is left to its limit, with
-        its guaranteed braking b. The other half is for the jerk, and for the time to look ahead.
+        With d left to a position limit and its guaranteed braking b, a joint goes at sqrt(b d / 2)
+        at most, so that braking takes a quarter of the way; and slowly enough at the end to be
+        slower in time, however long the jerk takes to build the braking up.
         """
-        excess = float(np.abs(self.velocity / self._limits.velocity).max())
+        limits = self._limits
+        excess = float(np.abs(self.velocity / limits.velocity).max())
         velocity = self.velocity / max(excess, 1.0)
+        lag = 2.0 * (self._look_ahead + limits.braking / limits.jerk)
         for room, sign in ((self._upper - q, 1.0), (q - self._lower, -1.0)):
             left = np.maximum(room, 0.0)
-            with np.errstate(invalid="ignore"):
-                most = np.minimum(
-                    np.sqrt(self._limits.braking * left), LEAST_ROOM * left / self._look_ahead
-                )
+            most = np.minimum(np.sqrt(0.5 * limits.braking * left), left / lag)
             velocity = np.where(sign * velocity > most, sign * most, velocity)
         return velocity
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from armguard.bounds.planned.curve import evaluate_curve
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Kinematics, OperatingLimits, Robot
@@ -101,7 +100,7 @@ class ShieldedArm:
         for _ in range(round(1e3 / RATE)):
             self.now += 1e-3
             if self.command is not None and len(self.command.times):
-                self.q, self.v, a = place_at(self.command, self.now)
+                self.q, self.v, a = self.command.at(self.now)
                 self.moved.append((self.q, self.v, a))
             self._kinematics.compute(self.q, np.zeros(7))
             for ball in self.balls:
@@ -112,12 +111,3 @@ class ShieldedArm:
                 gaps = (apart - self._kinematics.spheres.radius)[leaves] - RADIUS
                 self.contacts += bool(gaps.min() <= 0.0 and np.abs(self.v).max() > 1e-9)
         return self.command
-
-
-def place_at(command: Command, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a command has the arm: positions, velocities and accelerations."""
-    times = command.times - command.times[0]
-    q, v = np.empty(7), np.empty(7)
-    evaluate_curve(times, command.q, command.v, time - float(command.times[0]), q, v)
-    a = np.array([np.interp(time, command.times, one) for one in command.a.T])
-    return q, v, a

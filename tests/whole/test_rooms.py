@@ -35,6 +35,7 @@ ROOMS = {
     "scheduling": "settings pairs bounds robot cover obstacles contact jit",
     "monitor": "messages settings scheduling pairs bounds robot cover obstacles contact jit "
     "verdict",
+    "shield": "monitor bounds robot jit verdict",
     "messages": "contact verdict",
     "streams": "messages obstacles contact verdict clock",
     "view": "streams bounds robot",

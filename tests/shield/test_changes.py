@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.motion import Rest, Samples
+from armguard.shield.path import MotionLimits, Path, TimedPath
+
+LIMITS = MotionLimits(
+    np.array([1.0, 0.8, 1.5]),
+    np.array([2.0, 3.0, 2.0]),
+    np.array([4.0, 3.0, 5.0]),
+    np.array([80.0, 60.0, 90.0]),
+)
+
+
+def check(motion, begin, *, top=LIMITS.velocity):
+    """That a motion keeps all limits, by differences, and rests at its end."""
+    times = np.arange(begin, motion.end + 0.01, 5e-4)
+    _, q, v, a = motion.sample(times)
+    assert np.diff(q, axis=0) / 5e-4 == pytest.approx(0.5 * (v[1:] + v[:-1]), abs=1e-4)
+    assert np.diff(v, axis=0) / 5e-4 == pytest.approx(0.5 * (a[1:] + a[:-1]), abs=5e-2)
+    assert (np.abs(v) <= top + 1e-9).all()
+    assert (np.abs(a) <= LIMITS.braking + 1e-9).all()
+    speeding = np.where(v * a > 1e-9, np.abs(a), 0.0)
+    assert (speeding <= LIMITS.acceleration + 1e-6).all()
+    jerk = np.abs(np.diff(a, axis=0)) / 5e-4
+    assert (jerk <= LIMITS.jerk * (1.0 + 1e-6)).all()
+    assert v[-1] == pytest.approx(np.zeros(3), abs=1e-9)
+    assert a[-1] == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_stop_on_a_path_keeps_the_limits_and_the_path(seed):
+    random = np.random.default_rng(seed)
+    places = np.cumsum(random.uniform(-0.6, 0.6, (5, 3)), axis=0)
+    path = TimedPath(Path(places), LIMITS)
+    changes = PaceChanges(LIMITS)
+    place, begin = (0.0, 0.0, 0.0), 3.0
+    passed = 0
+    for _ in range(200):
+        motion = changes.go_and_stop(path, place, begin, 0.05, random.uniform(0.0, 1.0))
+        if motion is None:
+            continue
+        check(motion, begin)
+        passed += 1
+        begin += 0.02
+        place = motion.find_place(begin)
+        if place[0] >= path.duration:
+            break
+    assert passed > 100 or place[0] >= path.duration
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_stop_of_joints_keeps_the_limits(seed):
+    random = np.random.default_rng(seed)
+    changes = JointChanges(LIMITS)
+    motion, begin = Rest(np.zeros(3), 0.0), 0.0
+    for _ in range(60):
+        state = motion.sample(np.array([begin]))
+        wanted = random.uniform(-1.0, 1.0, 3) * LIMITS.velocity * 0.97
+        motion = changes.go_and_stop(state, begin, 0.04, wanted)
+        check(motion, begin)
+        begin += random.uniform(0.01, 0.1)
+
+
+def test_points_are_passed_in_their_time():
+    changes = JointChanges(LIMITS)
+    state = Rest(np.zeros(3), 0.0).sample(np.array([0.0]))
+    phases = []
+    for k in range(1, 11):
+        q, v = np.full(3, 2e-4 * k**2), np.full(3, 2e-4 * 2 * k / 0.05)
+        phase = changes.track(state, 0.05 * (k - 1), 0.05, q, v)
+        phases.append(phase)
+        whole = changes.stop_after(phases, 0.05 * k)
+        state = whole.sample(np.array([0.05 * k]))
+        if k > 2:
+            assert state.q[0] == pytest.approx(q, abs=1e-6)
+        check(whole, 0.0)
+
+
+def test_samples_hold_one_state_each():
+    rest = Rest(np.array([1.0, 2.0, 3.0]), 5.0)
+    assert isinstance(rest.sample(np.array([6.0])), Samples)
