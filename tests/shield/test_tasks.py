@@ -54,7 +54,7 @@ def test_back_to_the_path_leads_to_where_it_was_left():
         motion = first(task, motion, begin)
         begin += PERIOD
     left = motion.sample(np.array([begin])).q[0]
-    beside = Rest(left + [0.0, 0.01, 0.0], begin)
+    beside = Rest(left + np.array([0.0, 0.01, 0.0]), begin)
     motion = beside
     for _ in range(400):
         motion = first(task, motion, begin) or motion
