@@ -23,6 +23,7 @@ from armguard.obstacles.possible_states import distrust, forget_expired, list_st
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
+from armguard.obstacles.tethers import TORN, Tether, tie
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
@@ -82,6 +83,13 @@ class ObstacleRegister:
         """Rows of sources of which the next tick finds whether what is known is believable."""
         self._unbelieved: set[int] = set()
         """Rows of which nothing was believable in any tick so far."""
+        self._tethers: dict[frozenset[str], Tether] = {}
+        """By both ids."""
+        self._tethered: frozenset[str] = frozenset()
+        self._tied: list[Tether] = []
+        """By the number of each tether between rows."""
+        self.has_new_tethers = False
+        """Whether `tie_rows` has to be called: tethers or tethered rows came or went."""
         # Compiled here, on a row that has no state.
         distrust(self.table.handle, 0)
         forget_expired(self.table.handle, 0.0, 0.0)
@@ -123,6 +131,49 @@ class ObstacleRegister:
         state = self._sources.find(source)
         rows = {} if state is None else self._rows.get(state.index, {})
         return len(rows) + len(set(also).difference(rows))
+
+    @property
+    def tethers(self) -> tuple[Tether, ...]:
+        """The tethers that are stated, in the order in which they were stated first."""
+        return tuple(self._tethers.values())
+
+    def _tether(self, pair: frozenset[str], tether: Tether | None) -> None:
+        """State a tether between two ids, or end it; taken in by the next `tie_rows`."""
+        if tether is None:
+            del self._tethers[pair]
+        else:
+            self._tethers[pair] = tether
+        self._tethered = frozenset().union(*self._tethers)
+        self.has_new_tethers = True
+        self.table.changes += 1
+
+    def tie_rows(self) -> None:
+        """Takes in which rows are tethered, after tethers or tethered obstacles came or went."""
+        self.has_new_tethers = False
+        self._tied = []
+        rows = []
+        for tether in self._tethers.values():
+            for owner, places in self._rows.items():
+                if owner != NO_SOURCE and tether.a in places and tether.b in places:
+                    self._tied.append(tether)
+                    rows.append((places[tether.a], places[tether.b], tether.length))
+        self.table.make_room_for_tethers(len(rows))
+        tie(self.table.tethers, rows, self.table.revision)
+
+    @property
+    def has_broken_tethers(self) -> bool:
+        """Whether `describe_broken_tethers` would name any: quick to tell in every tick."""
+        return self.table.tethers.numbers.item(TORN) > 0
+
+    def describe_broken_tethers(self) -> list[tuple[str, str]]:
+        """Tethers that the states of both obstacles contradict, with what was found in words."""
+        tethers, told = self.table.tethers, []
+        for number, tether in enumerate(self._tied):
+            if tethers.is_broken[number]:
+                found = f"{1e3 * tethers.excess[number]:.0f} mm"
+                words = f"{found} farther apart than {tether.length:g} m ({tether.source})"
+                told.append((f"{tether.a} and {tether.b}", words))
+        return told
 
     def start_watching(self) -> int:
         """Lets every row in use count as added, for a new watcher, and returns its number.
@@ -344,6 +395,7 @@ class ObstacleRegister:
         self.table.marks.person[row] = hash((owner, name.rpartition("/")[0]))
         self._rows_of(owner)[name] = row
         self._added.add(row)
+        self.has_new_tethers = self.has_new_tethers or name in self._tethered
         if owner != NO_SOURCE:
             self._newcomers.add(row)
         self.table.changes += 1
@@ -378,6 +430,7 @@ class ObstacleRegister:
                     time = max(time, float(table.stamp[row]))
             self._tombstones.add(name, time, owner)
         table.free_row(row)
+        self.has_new_tethers = self.has_new_tethers or name in self._tethered
         del self._rows[owner][name]
         self._resolved.pop(owner, None)
         self.ids[row] = ""
