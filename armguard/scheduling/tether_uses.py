@@ -145,7 +145,7 @@ def find_excess(states0: States, place0: int, states1: States, place1: int, leng
     stamp0, stamp1 = states0.stamp[place0], states1.stamp[place1]
     duration = abs(stamp1 - stamp0) + ACCEPTANCE_SLACK * (abs(stamp0) + abs(stamp1))
     motion = 0.0
-    if duration > 0.0:
+    if stamp1 != stamp0:
         motion = min(
             _find_motion(states0, place0, duration), _find_motion(states1, place1, duration)
         )
