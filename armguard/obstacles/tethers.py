@@ -130,3 +130,11 @@ def tie(tethers: Tethers, ties: Iterable[Tie], revision: IntArray) -> None:
             tethers.count[row] += 1
         tethers.numbers[TIED] += 1
         tethers.numbers[TORN] += broken is not None
+
+
+def find_length(tethers: Tethers, row: int, partner: int) -> float:
+    """Length of the tether between two rows, in [m]; inf where there is none."""
+    for number in tethers.of_row[row, : tethers.count[row]]:
+        if partner in tethers.rows[number]:
+            return float(tethers.length[number])
+    return math.inf

@@ -29,10 +29,11 @@ from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.arrays import BoolArray
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
-from armguard.obstacles.partners import NO_PARTNER, Partner, find_partner
+from armguard.obstacles.partners import ALONE, NO_PARTNER, Partner, find_partner
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
+from armguard.obstacles.tethers import TIED
 from armguard.pairs.clamping import (
     Clamp,
     find_clamp,
@@ -91,6 +92,9 @@ def own_place(scene: Scene, row: int, number: int, now: float) -> StatePlace:
 @kernel
 def partner_of(scene: Scene, row: int, now: float, horizon: float) -> Partner:
     """By whose state an obstacle is judged beside its own, in the `horizon` [s] to come."""
+    if scene.tethers.numbers[TIED] == 0:
+        # Else all these arrays would be handed over for nothing.
+        return ALONE
     return find_partner(
         scene.tethers, scene.bodies, scene.refused, scene.marks, row, now, horizon,
         scene.arm.arm_ball,

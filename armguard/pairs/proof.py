@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
-from armguard.jit.kernels import kernel
-from armguard.jit.numerics import TERM_ROUNDING
+from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
+from armguard.obstacles.partners import NO_PARTNER
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.table import States
-from armguard.pairs.contact_time import StatePlace, partner_of, partner_place
-from armguard.pairs.evaluate import TickState
+from armguard.obstacles.tethers import find_length
+from armguard.pairs.contact_time import StatePlace
+from armguard.pairs.evaluate import TickState, find_partner_row
 from armguard.pairs.scene import ADVANCES
 
 
@@ -44,21 +45,16 @@ def prove_pair(
         for bodies, place, age in states
     )
     soonest = min(proofs, key=lambda proof: proof[0].contact_time, default=None)
-    partner = _find_partner(state.handle, row, state.now, state.refinement_threshold)
-    if soonest is None or partner.place < 0:
+    partner = find_partner_row(state, row)
+    if soonest is None or partner == NO_PARTNER:
         return soonest
     # A partner that the obstacle is tethered to may prove more.
-    by_partner = _prove_state(state, sphere, state.bodies, partner)
+    radius = max(float(bodies.radius[place]) for bodies, place, _ in states)
+    grown = (find_length(state.scene.tethers, row, partner) + radius) * (1.0 + SUM_ROUNDING)
+    age = state.now - float(state.bodies.stamp[partner])
+    body = StatePlace(partner, False, age, grown)
+    by_partner = _prove_state(state, sphere, state.bodies, body)
     return max(soonest, by_partner, key=lambda proof: proof[0].contact_time)
-
-
-@kernel
-def _find_partner(handle: Any, row: int, now: float, horizon: float) -> StatePlace:
-    """State of the partner that an obstacle is judged by; its place is negative without one."""
-    scene = handle.content
-    partner = partner_of(scene, row, now, horizon)
-    state = partner_place(scene, partner, now)
-    return StatePlace(partner.row, state.is_refused, state.age, state.radius)
 
 
 def _prove_state(
@@ -87,7 +83,7 @@ def _prove_state(
 
 def compile_proof(state: TickState) -> None:
     """Make a proof once, so that nothing is compiled in a tick."""
-    _find_partner(state.handle, 0, 0.0, 0.0)
+    find_partner_row(state, 0)
     place, still = np.zeros(3), np.zeros(3)
     certify(place, still, 1.0, 1.0, np.ones((1, 3)), np.zeros((1, 3)), 1.0, 1.0, 0.1)
 

@@ -60,7 +60,7 @@ from armguard.scheduling.deadline_kernels import (
     recall_stops,
 )
 from armguard.scheduling.layouts import Layouts
-from armguard.scheduling.tether_uses import USES
+from armguard.scheduling.tether_uses import CERTIFICATE, USES
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 from armguard.scheduling.tournament import entries_of
 from armguard.settings.settings import MOST_EVALUATIONS, Settings
@@ -588,6 +588,11 @@ class Scheduler:
     def find_bound(self, pair: int) -> int:
         """What a pair's certificate rests on, an index of `BOUND_NAMES`."""
         return self.certificates.pair_bound.item(divmod(pair, self._links))
+
+    def find_partner(self, pair: int) -> int:
+        """Row of the obstacle by whose state a pair was evaluated as well; or NO_PARTNER."""
+        row = pair // self._links
+        return self.certificates.uses.partner.item(row * USES + CERTIFICATE)
 
     def list_imminent(self, time: float, *, row_limit: int, pair_limit: int) -> Listing:
         """What is most imminent at `time`, in [s] since the epoch; cheap, and the caller's own."""

@@ -255,3 +255,17 @@ def test_the_certificate_of_a_verdict_proves_what_a_partner_shows():
         assert verify(certificate, **person.monitor.certificate_inputs)
         proved.append(certificate.contact_time)
     assert proved[1] > proved[0]
+
+
+def test_what_is_told_of_a_hidden_part_knows_of_its_tether():
+    person = Person()
+    (reason,) = [one for one in person.verdict.reasons if one.kind is ReasonKind.CONTACT]
+    assert reason.subject.endswith("elbow")
+    assert reason.detail.endswith(", as it is tethered to shoulder")
+    told = person.monitor.explain()
+    assert told.obstacle == "elbow"
+    assert told.contact_time * 0.99 < told.fresh_contact_time < 1.6 * told.contact_time
+    assert person.monitor.attention()
+    assert person.monitor.headroom().evaluations >= 0.0
+    alone = Person(tethered=False)
+    assert alone.monitor.explain().fresh_contact_time < told.fresh_contact_time
