@@ -519,7 +519,7 @@ def _find_change(handle: Any, kept: Any) -> bool:
             return True
         if tethers.numbers[TIED] > 0:
             # It is among what its partners' states say of it, too.
-            for k in range(tethers.count[row]):
+            for k in range(tethers.row_count[row]):
                 number = tethers.of_row[row, k]
                 partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
                 length = tethers.length[number]

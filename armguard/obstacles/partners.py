@@ -100,7 +100,7 @@ def find_partner(
         horizon: How far ahead it matters, in [s].
         center: A place in the middle of what the obstacle must not touch, in [m]. Shape (3,).
     """
-    if tethers.numbers[TIED] == 0 or tethers.count[row] == 0 or not is_known(marks, row):
+    if tethers.numbers[TIED] == 0 or tethers.row_count[row] == 0 or not is_known(marks, row):
         return ALONE
     horizon = min(horizon, LONGEST)
     x, y, z = center[0], center[1], center[2]
@@ -112,7 +112,7 @@ def find_partner(
     if math.isnan(best):
         best = -np.inf
     found, reach, length = NO_PARTNER, 0.0, 0.0
-    for k in range(tethers.count[row]):
+    for k in range(tethers.row_count[row]):
         number = tethers.of_row[row, k]
         partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
         if tethers.is_broken[number] or not is_confirmed(marks, partner):

@@ -63,7 +63,7 @@ class Tethers(NamedTuple):
     """Revisions of both rows that were compared last. Shape (tethers, 2)."""
     of_row: IntArray
     """Numbers of each row's tethers. Shape (rows, MOST_TETHERS)."""
-    count: IntArray
+    row_count: IntArray
     """How many of these are in use. Shape (rows,)."""
     numbers: IntArray
     """How many tethers there are, and how many are broken. Shape (2,)."""
@@ -116,7 +116,7 @@ def tie(tethers: Tethers, ties: Iterable[Tie], revision: IntArray) -> None:
     compared = dict(
         zip(map(tuple, tethers.rows[:count].tolist()), tethers.revision.copy(), strict=False)
     )
-    tethers.count[tethers.rows[:count].ravel()] = 0
+    tethers.row_count[tethers.rows[:count].ravel()] = 0
     tethers.numbers[:] = 0
     for number, (a, b, length, broken) in enumerate(ties):
         tethers.rows[number] = a, b
@@ -126,15 +126,15 @@ def tie(tethers: Tethers, ties: Iterable[Tie], revision: IntArray) -> None:
         # What is new is compared in the next tick.
         tethers.revision[number] = compared.get((a, b), (revision[a] - 1, revision[b] - 1))
         for row in (a, b):
-            tethers.of_row[row, tethers.count[row]] = number
-            tethers.count[row] += 1
+            tethers.of_row[row, tethers.row_count[row]] = number
+            tethers.row_count[row] += 1
         tethers.numbers[TIED] += 1
         tethers.numbers[TORN] += broken is not None
 
 
 def find_length(tethers: Tethers, row: int, partner: int) -> float:
     """Length of the tether between two rows, in [m]; inf where there is none."""
-    for number in tethers.of_row[row, : tethers.count[row]]:
+    for number in tethers.of_row[row, : tethers.row_count[row]]:
         if partner in tethers.rows[number]:
             return float(tethers.length[number])
     return math.inf

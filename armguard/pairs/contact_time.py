@@ -281,7 +281,8 @@ def state_time(
     """
     scene = handle.content
     # Of one type wherever it comes from: each other one would be compiled for.
-    node, bound, evaluations = scene.tree.root[link], np.int64(lower_bound_kind), 1
+    bound: Any = np.int64(lower_bound_kind)
+    node, evaluations = scene.tree.root[link], 1
     time = link_reach_time(scene, link, state, lower_bound)
     if time > lower_bound:
         bound = np.int64(REACH)
@@ -328,9 +329,8 @@ def pair_time(
         As `link_time`.
     """
     scene = handle.content
-    best = np.inf
-    best_node, best_bound, evaluations = scene.tree.root[link], np.int64(REACH), 0
-    floor, floor_bound = lower_bound, np.int64(REACH)
+    best, best_bound, floor_bound = np.inf, REACH, REACH
+    best_node, evaluations, floor = scene.tree.root[link], 0, lower_bound
     partner = partner_of(scene, row, now, refinement_threshold)
     if partner.row != NO_PARTNER and floor < refinement_threshold:
         floor, _, floor_bound, evaluations = state_time(

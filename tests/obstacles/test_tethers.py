@@ -46,7 +46,7 @@ def test_a_tether_ties_rows_once_both_are_reported_by_one_source():
     obstacles.untether("shoulder", "elbow")
     assert tied(obstacles) == []
     assert obstacles.tethers == ()
-    assert not obstacles.table.tethers.count.any()
+    assert not obstacles.table.tethers.row_count.any()
 
 
 def test_what_stands_still_is_not_tied():
@@ -77,7 +77,7 @@ def test_rows_and_tethers_grow():
     tell(obstacles, ids)
     assert len(tied(obstacles)) == 199
     assert tied(copy.deepcopy(obstacles)) == tied(obstacles)
-    assert obstacles.table.tethers.count.max() == 2
+    assert obstacles.table.tethers.row_count.max() == 2
 
 
 def test_a_broken_tether_stays_broken_when_others_come_and_go():

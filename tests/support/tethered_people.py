@@ -14,6 +14,7 @@ import numpy as np
 from armguard.jit.kernels import kernel
 from support import attackers
 from support.adversary import Hunt
+from support.plan_hunt import PlanHunt
 from support.true_arm import get_point
 
 PARTS = 3
@@ -202,3 +203,65 @@ class TetheredHunt(Hunt):
             self.arm, self.balls, self.lengths, hidden, self.room[2], self.step, self.stopped,
             self.random,
         )  # fmt: skip
+
+
+class TetheredPlanHunt(PlanHunt):
+    """Worlds of an arm on committed pieces, whose balls are each tethered to one that is seen.
+
+    The partner stays behind the ball, and keeps to the same bounds; the tether is as long as the
+    two get apart in that world. Most balls are seen once, or seldom.
+
+    Args:
+        robot: As for `PlanHunt`.
+        seed: Of all that happens.
+        told: By which factor the lengths of tethers are told.
+        settings: As for `PlanHunt`.
+    """
+
+    def __init__(self, robot, seed, *, told=1.0, **settings):
+        self.told, self.used, self.partners = told, 0, {}
+        super().__init__(robot, seed, **settings)
+
+    def begin(self):
+        """A new truth."""
+        for tether in self.obstacles.tethers:
+            self.obstacles.untether(tether.a, tether.b)
+        self.partners = {}
+        super().begin()
+
+    def make_ball(self, meet, q, heading, kind):
+        """One that moves, and is seen seldom."""
+        kind = np.array(kind)
+        kind[3] = 1.0
+        ball = super().make_ball(meet, q, heading, kind)
+        return ball._replace(gap=int(self.random.choice([10, 40, 1000])))
+
+    def speak(self, balls):
+        """Messages about balls and their partners in this tick."""
+        super().speak(balls)
+        for ball in balls:
+            if ball.name not in self.partners:
+                self._add_partner(ball)
+            partner = self.partners[ball.name]
+            (place,), (pace,) = partner.place([self.now])
+            self.obstacles.update(
+                [partner.name], self.now, place[None], pace[None], radius=partner.radius,
+                accel=partner.accel, speed=partner.speed,
+            )  # fmt: skip
+        uses = self.monitor._scheduler.certificates.uses
+        self.used += int((uses.partner >= 0).any())
+
+    def _add_partner(self, ball):
+        random = self.random
+        aside = random.normal(size=3)
+        aside *= random.uniform(0.0, 0.2) / np.linalg.norm(aside)
+        partner = ball._replace(
+            name=f"{ball.name} partner",
+            start=ball.start - random.uniform(0.1, 0.3) * ball.heading + aside,
+            speed=random.uniform(0.2, 1.0) * ball.speed,
+            radius=0.01,
+        )
+        self.partners[ball.name] = partner
+        times = np.linspace(self.now - 1.0, self.now + 2.0, 3001)
+        apart = np.linalg.norm(ball.place(times)[0] - partner.place(times)[0], axis=1).max()
+        self.obstacles.tether(ball.name, partner.name, self.told * (apart + 1e-6), "drawn")

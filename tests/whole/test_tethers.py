@@ -20,8 +20,9 @@ from armguard.pairs.contact_time import arm_reach_time, pair_time, partner_of
 from armguard.pairs.scene import prepare_arm
 from armguard.verdict import ReasonKind
 from support import true_arm
+from support.example_arms import load_holding
 from support.panda_monitor import HOME, STILL, make_monitor, panda
-from support.tethered_people import TetheredHunt
+from support.tethered_people import TetheredHunt, TetheredPlanHunt
 
 CASES = int(os.environ.get("ARMGUARD_TETHER_CASES", "30000"))
 """Of the law; a hundred thousand take half a minute."""
@@ -165,6 +166,17 @@ def test_people_find_what_is_wrong():
     """Else the test above would prove nothing: here tethers are told that are too short."""
     score = TetheredHunt(panda(), 11, 3, close=True, told=0.2).run(6e5)
     assert score.missed + score.early > 0
+
+
+@pytest.mark.parametrize(("leave", "seed"), [("never", 3), ("any", 2)])
+def test_an_arm_on_pieces_touches_nothing_that_is_hidden_and_tethered(leave, seed):
+    hunt = TetheredPlanHunt(load_holding("panda"), seed, latency=0.1, leave=leave)
+    for _ in range(12):
+        hunt.play()
+    score = hunt.score
+    assert score.contacts == score.astray == 0
+    assert min(score.safe, score.followed) > 50
+    assert min(score.balls, score.near, hunt.used) > 0
 
 
 def test_tethers_let_the_arm_go_on():
