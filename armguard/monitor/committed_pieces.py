@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.bounds.planned.check import PlanCheck
-from armguard.bounds.planned.contact import NONE
+from armguard.bounds.planned.contact import NONE, Permissions
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import Following
@@ -461,7 +461,7 @@ class CommittedPieces:
             speeds = self._find_obstacle_speeds(course, pairs, tick.now)
         found = self._planned_motion().contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks,
-            state.scene.contact_limits, speeds, state.scene.tethers,
+            Permissions(state.scene.contact_limits, speeds), state.scene.tethers,
         )  # fmt: skip
         self._judged = found.permitted_pair, found.permitted_speed
         self.evaluated += found.evaluated
@@ -523,7 +523,9 @@ def _find_change(handle: Any, kept: Any) -> bool:
                 number = tethers.of_row[row, k]
                 partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
                 length = tethers.length[number]
-                if find_excess(known.states, partner, bodies, row, length) > 0.0:
+                # Of what is broken already, nothing is proved by the tether.
+                excess = find_excess(known.states, partner, bodies, row, length)
+                if excess > 0.0 and not tethers.is_broken[number]:
                     return True
         known.revision[row] = marks.revision[row]
     return False

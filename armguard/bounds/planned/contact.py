@@ -64,6 +64,17 @@ class PlannedContact(NamedTuple):
     """The pair of that contact; NONE where there is none."""
 
 
+class Permissions(NamedTuple):
+    """What contact with obstacles is permitted."""
+
+    limits: RegionLimits
+    """By region."""
+    obstacle_speeds: float | FloatArray = NONE
+    """Of each pair, how fast something is at most that the link may press the obstacle against, in
+    [m]/[s]: contact is permitted only once the way left is short enough as well. Negative where
+    there is nothing but the arm's own links. Shape (m,) or ()."""
+
+
 class Surroundings(NamedTuple):
     """An arm, and what is known of the obstacles around it."""
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan, Plan, PlannedMotion, append_stop, check_plan
-from armguard.bounds.planned.contact import make_surroundings
+from armguard.bounds.planned.contact import Permissions, make_surroundings
 from armguard.bounds.planned.course import BLOCK, find_center, find_frame
 from armguard.bounds.planned.harmless import (
     CourseSpeeds,
@@ -317,9 +317,10 @@ def put(places, *, region=HAND, stated=True):
 def ask(panda, course, obstacles, limits, obstacle_speeds=-1.0):
     robot, motion = panda
     table = obstacles.table
+    permitted = None if limits is None else Permissions(limits, obstacle_speeds)
     return motion.contact_time(
         course, all_pairs(obstacles, len(robot.links)), NOW, 0.0, table.accepted,
-        table.refused_states, table.marks, limits, obstacle_speeds,
+        table.refused_states, table.marks, permitted,
     )  # fmt: skip
 
 
