@@ -348,7 +348,7 @@ class Judge:
         link, obstacle = names
         bound = BOUND_NAMES[self._scheduler.find_bound(pair)]
         detail = f"in {contact_time:.4g} s by the {bound} bound"
-        partner = self._scheduler.find_partner(pair)
+        partner = self._scheduler.find_partner(pair) if arm.obstacles.is_tethered else NO_PARTNER
         if partner != NO_PARTNER:
             detail += f", as it is tethered to {arm.obstacles.ids[partner]}"
         if arm.obstacles.is_entrance(pair // len(arm.links)):

@@ -635,7 +635,7 @@ class Monitor:
                 reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if obstacles.has_wide_spreads:
             reasons += describe_spreads(obstacles)
-        if obstacles.has_broken_tethers:
+        if obstacles.is_tethered and obstacles.has_broken_tethers:
             reasons += describe_broken_tethers(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
