@@ -31,6 +31,7 @@ class Premise(enum.Enum):
     OBSTACLES = (
         "obstacles keep to their bounds, and lie within the shapes and errors that are stated"
     )
+    TETHERS = "tethered obstacles are never farther apart than is stated"
     FIRST_SIGHT = "what no source reports is not there, except behind a named entrance"
     EXEMPTIONS = "contact that is ignored does no harm"
     CONTACT = (
@@ -80,10 +81,19 @@ def _find_figures(monitor: Monitor) -> dict[Premise, str]:
         Premise.OBEDIENCE: f"within {1e3 * settings.reaction_time:g} ms; "
         f"a verdict is valid for {1e3 * settings.response_time:g} ms",
         Premise.OBSTACLES: f"{table.accel:g} m/s² and {table.speed:g} m/s, unless told otherwise",
+        Premise.TETHERS: _describe_tethers(monitor),
         Premise.FIRST_SIGHT: f"entrances: {', '.join(names) if names else 'none'}",
         Premise.CONTACT: _describe_limits(monitor),
         Premise.CLOCKS: f"latency of verdicts: {1e3 * settings.latency:g} ms",
     }
+
+
+def _describe_tethers(monitor: Monitor) -> str:
+    """Which obstacles are tethered, by which length, and where that comes from."""
+    told = [
+        f"{one.a} and {one.b}: {one.length:g} m ({one.source})" for one in monitor.obstacles.tethers
+    ]
+    return "; ".join(told) or "none are stated"
 
 
 def _describe_limits(monitor: Monitor) -> str:

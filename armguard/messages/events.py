@@ -19,6 +19,24 @@ class StaticObstacle(Message, tag="static", kw_only=True):
     """Of what comes out of an entrance, in [m/s²]; nothing else has one."""
 
 
+class TetherStated(Message, tag="tether", kw_only=True):
+    """Two obstacles are tethered from now on, or by another length than before."""
+
+    a: str
+    b: str
+    length: float
+    """[m]."""
+    source: str
+    """Where the length comes from."""
+
+
+class TetherEnded(Message, tag="untether", kw_only=True):
+    """Two obstacles are not tethered any more."""
+
+    a: str
+    b: str
+
+
 class MalformedCall(Message, tag="malformed_call", kw_only=True):
     """A call on the table of obstacles of which nothing could be taken."""
 

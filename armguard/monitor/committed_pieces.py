@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armguard.bounds.planned.check import PlanCheck
-from armguard.bounds.planned.contact import NONE
+from armguard.bounds.planned.contact import NONE, Permissions
 from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.curve import find_top_speeds
 from armguard.bounds.planned.following import Following
@@ -47,11 +47,13 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
+from armguard.obstacles.tethers import TIED
 from armguard.pairs.course_clamps import NOTHING, find_obstacle_speeds
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import agrees, keep_known_state, make_known_states
 from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.scheduling.tether_uses import find_excess
 from armguard.settings.settings import Settings
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
@@ -459,7 +461,7 @@ class CommittedPieces:
             speeds = self._find_obstacle_speeds(course, pairs, tick.now)
         found = self._planned_motion().contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks,
-            state.scene.contact_limits, speeds,
+            Permissions(state.scene.contact_limits, speeds), state.scene.tethers,
         )  # fmt: skip
         self._judged = found.permitted_pair, found.permitted_speed
         self.evaluated += found.evaluated
@@ -503,8 +505,9 @@ def _keep_all(handle: Any, kept: Any) -> None:
 
 @kernel
 def _find_change(handle: Any, kept: Any) -> bool:
-    """Whether a state is refused, was lost, or is not what the one kept for a piece allows."""
+    """Whether a state is refused, was lost, or is not what those kept for a piece allow."""
     bodies, marks, known = handle.content.bodies, handle.content.marks, kept.content
+    tethers = handle.content.tethers
     for row in range(marks.alive.shape[0]):
         if not marks.alive[row]:
             continue
@@ -514,5 +517,15 @@ def _find_change(handle: Any, kept: Any) -> bool:
             continue
         if not agrees(bodies, marks, known.states, row, row):
             return True
+        if tethers.numbers[TIED] > 0:
+            # It is among what its partners' states say of it, too.
+            for k in range(tethers.row_count[row]):
+                number = tethers.of_row[row, k]
+                partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
+                length = tethers.length[number]
+                # Of what is broken already, nothing is proved by the tether.
+                excess = find_excess(known.states, partner, bodies, row, length)
+                if excess > 0.0 and not tethers.is_broken[number]:
+                    return True
         known.revision[row] = marks.revision[row]
     return False

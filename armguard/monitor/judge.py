@@ -11,6 +11,7 @@ from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import AWARE, CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
 from armguard.monitor.stop_decision import STEP, StopDecision
+from armguard.obstacles.partners import NO_PARTNER
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
@@ -347,6 +348,9 @@ class Judge:
         link, obstacle = names
         bound = BOUND_NAMES[self._scheduler.find_bound(pair)]
         detail = f"in {contact_time:.4g} s by the {bound} bound"
+        partner = self._scheduler.find_partner(pair) if arm.obstacles.is_tethered else NO_PARTNER
+        if partner != NO_PARTNER:
+            detail += f", as it is tethered to {arm.obstacles.ids[partner]}"
         if arm.obstacles.is_entrance(pair // len(arm.links)):
             detail += ", by what may come out of it unseen"
         return Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail)
@@ -464,4 +468,4 @@ class Judge:
         if self._certify:
             from armguard.pairs.proof import compile_proof
 
-            compile_proof()
+            compile_proof(self._scheduler.arm.state)

@@ -11,8 +11,10 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import pack
+from armguard.obstacles.partners import NO_PARTNER
 from armguard.obstacles.table import MOST_REFUSED, Marks, States, make_states
-from armguard.pairs.evaluate import TickState, evaluate_handle
+from armguard.obstacles.tethers import Tie, find_length, make_tethers, tie
+from armguard.pairs.evaluate import TickState, evaluate_handle, find_partner_row
 
 
 class Change(NamedTuple):
@@ -46,16 +48,26 @@ class WhatIf:
         scene = state.scene
         self._now, self._arm_age = state.now, state.arm_age
         self._margin = scene.settings.margin
-        self._known = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
-        self._changed = _copy_row(scene.bodies, row, 1), _copy_row(scene.refused, row, MOST_REFUSED)
+        # Where it is tethered, a partner stands in the second row.
+        partner = find_partner_row(state, row)
+        rows = np.array([row, row if partner == NO_PARTNER else partner])
+        places = row * MOST_REFUSED + np.arange(MOST_REFUSED)
+        self._known = _copy_rows(scene.bodies, rows), _copy_rows(scene.refused, places)
+        self._changed = _copy_rows(scene.bodies, rows), _copy_rows(scene.refused, places)
         bodies, refused = self._changed
-        marks = Marks._make(array[row : row + 1].copy() for array in scene.marks)
+        marks = Marks._make(array[rows] for array in scene.marks)
+        tethers = make_tethers(2, 1)
+        if partner != NO_PARTNER:
+            tie(
+                tethers, [Tie(0, 1, find_length(scene.tethers, row, partner), None)], marks.revision
+            )
         self._is_static = bool(marks.static[0])
         self._handle = pack(
             scene._replace(
                 bodies=bodies,
                 refused=refused,
                 marks=marks,
+                tethers=tethers,
                 node_time=scene.node_time.copy(),
                 sphere_time=scene.sphere_time.copy(),
             )
@@ -102,9 +114,9 @@ class WhatIf:
         return times
 
 
-def _copy_row(states: States, row: int, places: int) -> States:
-    """A copy of a row's states; there are two at least, as arrays of one are of another type."""
-    copied = make_states(max(places, 2), states.points.shape[1])
+def _copy_rows(states: States, rows: IntArray) -> States:
+    """A copy of some rows, two at least: arrays of one are of another type."""
+    copied = make_states(len(rows), states.points.shape[1])
     for array, original in zip(copied, states, strict=True):
-        array[:places] = original[row * places : (row + 1) * places]
+        array[...] = original[rows]
     return copied

@@ -21,7 +21,14 @@ from armguard.jit import numerics
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code
 from armguard.messages.batch import Field, ObstacleBatch
-from armguard.messages.events import DroppedPoints, MalformedCall, PromiseBroken, StaticObstacle
+from armguard.messages.events import (
+    DroppedPoints,
+    MalformedCall,
+    PromiseBroken,
+    StaticObstacle,
+    TetherEnded,
+    TetherStated,
+)
 from armguard.messages.incoming import RemoveMessage
 from armguard.obstacles import acceptance as rule
 from armguard.obstacles.arguments import (
@@ -51,6 +58,7 @@ from armguard.obstacles.pattern_bounds import PatternBounds
 from armguard.obstacles.pattern_regions import PatternRegions
 from armguard.obstacles.register import NO_ROWS, ObstacleRegister, ResolvedIds
 from armguard.obstacles.sources import NO_SOURCE, Source, SourceState
+from armguard.obstacles.tethers import MOST_STATED, MOST_TETHERS, Tether
 
 __all__ = ["Fault", "FaultKind", "Frame", "Obstacles", "Source"]
 
@@ -767,6 +775,89 @@ class Obstacles(ObstacleRegister):
         )
         self._note(place)
         self.table.place_entrance(row, points, size, rate, pace)
+
+    def tether(self, a: str, b: str, length: float, source: str) -> None:
+        """States that two obstacles are never far apart, such as an elbow and its shoulder.
+
+        No centre point of either is ever farther than the length from the hull of the other's
+        centre points, from the next step on. So where one of them is not seen, it is near the other
+        one, and there is no contact before the later of two times: by its own last state, and by
+        the other's. That is a premise, and the verdicts that use it rest on it. Two obstacles that
+        are both seen, and farther apart, break the tether: verdicts name it, and it is not used
+        until the two have agreed with it for `rise_delay`.
+
+        Neither has to be known yet. It is about obstacles that one source reports, of every source
+        that reports both ids; what stands still has no tether. Stated anew, the last length counts.
+
+        Args:
+            a: Id of one obstacle.
+            b: Id of the other one.
+            length: In [m], at least 0.
+            source: Where the length comes from, in words, such as "measured" or a publication.
+
+        Raises:
+            ObstacleError: An argument is malformed, both ids are the same, one of them would have
+                more than 4 tethers, or there would be more than 1024 of them; a fault is left.
+        """
+        try:
+            pair = self._read_tethered(a, b)
+            distance = math.nan
+            if isinstance(length, (int, float, np.floating, np.integer)):
+                distance = math.nan if isinstance(length, bool) else float(length)
+            if not 0.0 <= distance <= self._extent:
+                expected = f"a length from 0 to {self._extent:g} m, the extent of the table"
+                raise ObstacleError("length", f"is {show(length)}", expected=expected)
+            if not isinstance(source, str) or not source.strip() or not is_writable(source):
+                expected = "where the length comes from, in words"
+                raise ObstacleError("source", f"is {show(source)}", expected=expected)
+            if pair not in self._tethers:
+                self._check_tethers(a, b)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, "", math.nan) from None
+        tether = Tether(str(a), str(b), distance, str(source))
+        if self._tethers.get(pair) != tether:
+            self._note(TetherStated(a=tether.a, b=tether.b, length=distance, source=tether.source))
+            self._tether(pair, tether)
+
+    def untether(self, a: str, b: str) -> None:
+        """Ends what `tether` stated, from the next step on; harmless where nothing was stated.
+
+        Args:
+            a: Id of one obstacle.
+            b: Id of the other one.
+
+        Raises:
+            ObstacleError: An id is none, or both are the same; a fault is left.
+        """
+        try:
+            pair = self._read_tethered(a, b)
+        except ObstacleError as error:
+            raise self._leave_malformed(error, "", math.nan) from None
+        if pair in self._tethers:
+            self._note(TetherEnded(a=str(a), b=str(b)))
+            self._tether(pair, None)
+
+    def _read_tethered(self, a: object, b: object) -> frozenset[str]:
+        """The ids of two obstacles."""
+        for name, value in (("a", a), ("b", b)):
+            if not isinstance(value, str) or not value or not is_writable(value):
+                raise ObstacleError(name, f"is {show(value)}", expected="an id")
+        if a == b:
+            raise ObstacleError("b", f"is {show(b)}, as a is", expected="another id")
+        return frozenset((str(a), str(b)))
+
+    def _check_tethers(self, a: str, b: str) -> None:
+        """Raise ObstacleError if two obstacles may not be tethered beside what is stated."""
+        for name in (a, b):
+            count = sum(name in pair for pair in self._tethers)
+            if count >= MOST_TETHERS:
+                raise ObstacleError(
+                    f"id {name!r}", f"has {count} tethers", expected=f"{MOST_TETHERS} at most"
+                )
+        if len(self._tethers) >= MOST_STATED:
+            raise ObstacleError(
+                "tethers", f"are {len(self._tethers)} already", expected=f"{MOST_STATED} at most"
+            )
 
     def _read_place(
         self, what: str, id: str, position: ArrayLike, radius: float

@@ -23,6 +23,7 @@ from armguard.obstacles.possible_states import distrust, forget_expired, list_st
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
+from armguard.obstacles.tethers import TORN, Tether, Tie, tie
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
@@ -82,6 +83,17 @@ class ObstacleRegister:
         """Rows of sources of which the next tick finds whether what is known is believable."""
         self._unbelieved: set[int] = set()
         """Rows of which nothing was believable in any tick so far."""
+        self._tethers: dict[frozenset[str], Tether] = {}
+        """By both ids."""
+        self._tethered: frozenset[str] = frozenset()
+        self._tied: list[tuple[Tether, int]] = []
+        """Tethers between rows by their numbers, each with the number of its source."""
+        self._broken: dict[tuple[Tether, int], tuple[float, float]] = {}
+        """What was found of tethers that are broken, those included of which a row is gone."""
+        self.is_tethered = False
+        """Whether any rows are tethered: quicker to tell than all else that ticks ask of that."""
+        self.has_new_tethers = False
+        """Whether `tie_rows` has to be called: tethers or tethered rows came or went."""
         # Compiled here, on a row that has no state.
         distrust(self.table.handle, 0)
         forget_expired(self.table.handle, 0.0, 0.0)
@@ -123,6 +135,60 @@ class ObstacleRegister:
         state = self._sources.find(source)
         rows = {} if state is None else self._rows.get(state.index, {})
         return len(rows) + len(set(also).difference(rows))
+
+    @property
+    def tethers(self) -> tuple[Tether, ...]:
+        """The tethers that are stated, in the order in which they were stated first."""
+        return tuple(self._tethers.values())
+
+    def _tether(self, pair: frozenset[str], tether: Tether | None) -> None:
+        """State a tether between two ids, or end it; taken in by the next `tie_rows`."""
+        if tether is None:
+            del self._tethers[pair]
+        else:
+            self._tethers[pair] = tether
+        self._tethered = frozenset().union(*self._tethers)
+        self.has_new_tethers = True
+        self.table.changes += 1
+
+    def tie_rows(self) -> None:
+        """Takes in which rows are tethered, after tethers or tethered obstacles came or went."""
+        self.has_new_tethers = False
+        tethers = self.table.tethers
+        for number, one in enumerate(self._tied):
+            self._broken.pop(one, None)
+            if tethers.is_broken[number]:
+                found = float(tethers.excess[number]), float(tethers.agrees_since[number])
+                self._broken[one] = found
+        stated = set(self._tethers.values())
+        self._broken = {one: found for one, found in self._broken.items() if one[0] in stated}
+        self._tied, ties = [], []
+        for tether in self._tethers.values():
+            for owner, rows in self._rows.items():
+                if owner != NO_SOURCE and tether.a in rows and tether.b in rows:
+                    one = tether, owner
+                    self._tied.append(one)
+                    ties.append(
+                        Tie(rows[tether.a], rows[tether.b], tether.length, self._broken.get(one))
+                    )
+        self.table.make_room_for_tethers(len(ties))
+        tie(self.table.tethers, ties, self.table.revision)
+        self.is_tethered = bool(ties)
+
+    @property
+    def has_broken_tethers(self) -> bool:
+        """Whether `describe_broken_tethers` would name any: quick to tell in every tick."""
+        return self.table.tethers.numbers.item(TORN) > 0
+
+    def describe_broken_tethers(self) -> list[tuple[str, str]]:
+        """Tethers that the states of both obstacles contradict, with what was found in words."""
+        tethers, told = self.table.tethers, []
+        for number, (tether, _) in enumerate(self._tied):
+            if tethers.is_broken[number]:
+                found = f"{1e3 * tethers.excess[number]:.0f} mm"
+                words = f"{found} farther apart than {tether.length:g} m ({tether.source})"
+                told.append((f"{tether.a} and {tether.b}", words))
+        return told
 
     def start_watching(self) -> int:
         """Lets every row in use count as added, for a new watcher, and returns its number.
@@ -344,6 +410,7 @@ class ObstacleRegister:
         self.table.marks.person[row] = hash((owner, name.rpartition("/")[0]))
         self._rows_of(owner)[name] = row
         self._added.add(row)
+        self.has_new_tethers = self.has_new_tethers or name in self._tethered
         if owner != NO_SOURCE:
             self._newcomers.add(row)
         self.table.changes += 1
@@ -378,6 +445,7 @@ class ObstacleRegister:
                     time = max(time, float(table.stamp[row]))
             self._tombstones.add(name, time, owner)
         table.free_row(row)
+        self.has_new_tethers = self.has_new_tethers or name in self._tethered
         del self._rows[owner][name]
         self._resolved.pop(owner, None)
         self.ids[row] = ""

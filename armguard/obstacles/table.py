@@ -18,11 +18,15 @@ from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.layout import make_records
 from armguard.obstacles.spread import Spreads, forget_spread, make_spreads, resize_spreads
+from armguard.obstacles.tethers import make_tethers, resize_tethers
 
 MAXIMUM_POINTS = 8
 MAXIMUM_ROWS = 2**18
 """Bound on memory: with all in use and as much refused as can be some 300 MB for balls, 1.2 GB for
 boxes. What finds no row is a fault that stays."""
+
+TETHERS = 64
+"""Tethers between rows for which there is room at first."""
 
 MOST_REFUSED = 4
 """Refused states that are kept beside an accepted one. With another one that agrees with none of
@@ -196,6 +200,7 @@ class ObstacleTable:
         """Refused samples that may be true, `MOST_REFUSED` places for each row."""
         self.candidates = make_states(0)
         self.spreads = make_spreads(2, 1)
+        self.tethers = make_tethers(0, TETHERS)
         self._grow(capacity)
         # Both compile what they run.
         note_row(self.changed_rows, 0)
@@ -273,6 +278,13 @@ class ObstacleTable:
         if width > self.points.shape[1]:
             self._resize(len(self.alive), width)
 
+    def make_room_for_tethers(self, count: int) -> None:
+        """Makes room for so many tethers between rows."""
+        room = len(self.tethers.length)
+        if count > room:
+            self.tethers = resize_tethers(self.tethers, len(self.alive), max(count, 2 * room))
+            self._resize(len(self.alive), self.points.shape[1])
+
     def _grow(self, capacity: int) -> None:
         first = len(self.marks.alive)
         self._free.extend(range(capacity - 1, first - 1, -1))
@@ -300,6 +312,7 @@ class ObstacleTable:
             self.refused_states, capacity * MOST_REFUSED, width, places
         )
         self.spreads = resize_spreads(self.spreads, capacity, width)
+        self.tethers = resize_tethers(self.tethers, capacity, len(self.tethers.length))
         for group in (self.accepted, self.marks, self.changed_rows):
             for name, array in group._asdict().items():
                 setattr(self, name, array)

@@ -21,7 +21,13 @@ from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
 from armguard.pairs.clamping import make_room
-from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
+from armguard.pairs.contact_time import (
+    RESTS,
+    arm_reach_time,
+    pair_time,
+    partner_of,
+    rests_in_time,
+)
 from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
 from armguard.robot.kinematics import Kinematics
 
@@ -117,6 +123,7 @@ class TickState:
             self.bodies,
             self.refused_bodies,
             self.marks,
+            table.tethers,
             self._contact_limits,
             motion.link_gaps,
             self._clamp_room,
@@ -206,6 +213,24 @@ def evaluate(
         bounds,
     )
     return spent
+
+
+@kernel
+def _find_partner_row(handle: Any, row: int, now: float, horizon: float) -> int:
+    partner: int = partner_of(handle.content, row, now, horizon).row
+    return partner
+
+
+def find_partner_row(state: TickState, row: int) -> int:
+    """Row of the obstacle by which another one, that is tethered to it, is judged; or NO_PARTNER.
+
+    Args:
+        state: The tick's numbers.
+        row: Of the other one.
+    """
+    horizon = state.refinement_threshold
+    found: int = _find_partner_row(state.handle, row, state.now, horizon)
+    return found
 
 
 @kernel

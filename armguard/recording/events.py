@@ -16,6 +16,8 @@ from armguard.messages.events import (
     Payload,
     PromiseBroken,
     StaticObstacle,
+    TetherEnded,
+    TetherStated,
 )
 from armguard.messages.incoming import (
     IgnoreMessage,
@@ -125,6 +127,8 @@ TOPICS: dict[type[Event], str] = {
     BodiesChanged: "bodies",
     Gap: "gaps",
     Log: "log",
+    TetherStated: "tethers",
+    TetherEnded: "ended_tethers",
 }
 """Where each kind of message stands, below `PREFIX`."""
 

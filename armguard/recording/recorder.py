@@ -27,7 +27,7 @@ import numpy as np
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import to_plan_message, to_verdict_message
 from armguard.messages.batch import ObstacleBatch, pack_batch
-from armguard.messages.events import FaultsTaken, Payload, StaticObstacle
+from armguard.messages.events import FaultsTaken, Payload, StaticObstacle, TetherStated
 from armguard.monitor.monitor import Monitor
 from armguard.recording.events import (
     FORMAT,
@@ -138,6 +138,8 @@ class Recorder:
         self._revision = monitor.robot.revision
         for place in _list_statics(monitor):
             self.note_message(place)
+        for tether in monitor.obstacles.tethers:
+            self.note_message(TetherStated(**tether._asdict()))
         if monitor.payload != monitor.settings.payload:
             self.note_message(Payload(payload=monitor.payload))
         for exemption in monitor.exemptions:

@@ -32,6 +32,8 @@ from armguard.messages.events import (
     Payload,
     PromiseBroken,
     StaticObstacle,
+    TetherEnded,
+    TetherStated,
 )
 from armguard.messages.incoming import (
     IgnoreMessage,
@@ -302,6 +304,10 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
         obstacles.leave_broken(event.source, event.joint, event.problem, event.stamp)
     elif isinstance(event, DroppedPoints):
         obstacles.count_points(event.source, event.stamp, event.points, event.dropped)
+    elif isinstance(event, TetherStated):
+        obstacles.tether(event.a, event.b, event.length, event.source)
+    elif isinstance(event, TetherEnded):
+        obstacles.untether(event.a, event.b)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
     elif isinstance(event, IgnoreMessage):

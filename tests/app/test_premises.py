@@ -14,6 +14,7 @@ def test_each_premise_is_a_line():
 def test_what_a_monitor_was_told_stands_beside_them():
     obstacles = Obstacles(accel=7.0, speed=1.5, sources=[])
     obstacles.add_entrance("door", [5.0, 0.0, 0.5], radius=0.3, detection_time=0.1)
+    obstacles.tether("elbow", "hand", 0.45, "measured")
     _, monitor = make_monitor(obstacles=obstacles, payload=0.5, reaction_time=0.03, latency=0.004)
     told = dict(zip(Premise, list_premises(monitor), strict=True))
     assert told[Premise.LIMITS] == list_premises()[0]
@@ -21,6 +22,7 @@ def test_what_a_monitor_was_told_stands_beside_them():
     assert told[Premise.OPERATING].endswith("(none are stated)")
     assert "within 30 ms; a verdict is valid for 5 ms" in told[Premise.OBEDIENCE]
     assert "7 m/s² and 1.5 m/s" in told[Premise.OBSTACLES]
+    assert told[Premise.TETHERS].endswith("(elbow and hand: 0.45 m (measured))")
     assert told[Premise.FIRST_SIGHT].endswith("(entrances: door)")
     assert told[Premise.CLOCKS].endswith("(latency of verdicts: 4 ms)")
 

@@ -239,7 +239,7 @@ class Cell:
         )
 
     def make_obstacles(self) -> Obstacles:
-        """The table of obstacles, with its sources, frames, statics and entrances."""
+        """The table of obstacles, with its sources, frames, statics, entrances and tethers."""
         bounds = {
             key: value
             for key, value in given(self.tables.bounds).items()
@@ -288,6 +288,9 @@ class Cell:
                 table.detection_time,
                 table.speed,
             )
+        for number, tether in enumerate(self.tables.tethers):
+            values = tether.a, tether.b, tether.length, tether.source
+            self._attempt(f"tethers[{number}]", obstacles.tether, *values)
         return obstacles
 
     def _shares_base(self, other: str) -> bool:

@@ -200,6 +200,23 @@ class EntranceTable(StaticTable, kw_only=True):
     """Of what may come out, in [m/s]."""
 
 
+class TetherTable(_Table, kw_only=True):
+    """`[[tethers]]`: two obstacles that are never far apart, such as an elbow and its shoulder.
+
+    Where one of them is not seen it is near the other one ([Obstacles](obstacles.md#tethers)).
+    """
+
+    a: Name
+    """Id of one obstacle."""
+    b: Name
+    """Id of the other one, reported by the same source."""
+    length: NotNegative
+    """No centre point of either is ever farther from the hull of the other's centre points, in [m].
+    """
+    source: Name
+    """Where the length comes from."""
+
+
 class RoundTable(_Table):
     """A capsule or cylinder along z: of a capsule, `length` is that between its balls' centres."""
 
@@ -353,6 +370,8 @@ class CellTables(_Table, kw_only=True):
     """What never moves."""
     entrances: dict[Name, EntranceTable] = {}
     """Where bodies may come out."""
+    tethers: list[TetherTable] = []
+    """Which obstacles are never far apart."""
     tool: ToolTable | None = None
     """What is fixed to a link."""
     ignore: list[IgnoreEntry | IgnoreTable] = []

@@ -155,6 +155,21 @@ def test_obstacles_in_a_frame_arrive_in_the_world_with_its_error():
     assert accepted.position_error[row] == pytest.approx(0.112)
 
 
+def test_tethers_are_stated_of_the_table():
+    text = "[[tethers]]\na = 'hand'\nb = 'elbow'\nlength = 0.3\nsource = 'measured'\n"
+    obstacles = Cell.from_text("robot = { name = 'panda' }\n" + text).make_obstacles()
+    assert obstacles.tethers == (("hand", "elbow", 0.3, "measured"),)
+    for wrong, problem in (
+        (text.replace("elbow", "hand"), r"cell: tethers\[0\]: b: is 'hand', as a is"),
+        (text.replace("0.3", "-0.3"), r"tethers\[0\]\.length"),
+        (text.replace("0.3", "300"), r"tethers\[0\]: length: is 300"),
+        (text.replace("measured", ""), r"tethers\[0\]\.source"),
+        (text.replace("source", "by"), r"tethers\[0\]\.by"),
+    ):
+        with pytest.raises(CellError, match=problem):
+            Cell.from_text("robot = { name = 'panda' }\n" + wrong).make_obstacles()
+
+
 def test_entrances_stand_in_their_frame_and_take_bounds_by_their_name():
     text = f"{FRAMES}[bounds]\nspeed = 1.5\n[bounds.of]\n'gate*' = {{ accel = 4.0, speed = 3.0 }}\n"
     for name, more in (("door", ""), ("gate 1", ""), ("hatch", "speed = 0.5\n")):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan, Plan, PlannedMotion, append_stop, check_plan
-from armguard.bounds.planned.contact import make_surroundings
+from armguard.bounds.planned.contact import Permissions, make_surroundings
 from armguard.bounds.planned.course import BLOCK, find_center, find_frame
 from armguard.bounds.planned.harmless import (
     CourseSpeeds,
@@ -23,6 +23,7 @@ from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles import Obstacles
 from armguard.obstacles.regions import ContactLimit, RegionLimits, make_no_limits
+from armguard.obstacles.tethers import make_tethers
 from armguard.settings.contact_limits import ContactLimits
 from support.example_arms import load_holding
 from support.hostile_joints import STEP, chain_to, place_point, set_slopes
@@ -81,7 +82,12 @@ def pack_around(motion, obstacles=None):
     table = (obstacles or Obstacles()).table
     return pack(
         make_surroundings(
-            motion._arm, table.accepted, table.refused_states, table.marks, make_no_limits()
+            motion._arm,
+            table.accepted,
+            table.refused_states,
+            table.marks,
+            make_no_limits(),
+            make_tethers(0, 0),
         )
     )
 
@@ -311,9 +317,10 @@ def put(places, *, region=HAND, stated=True):
 def ask(panda, course, obstacles, limits, obstacle_speeds=-1.0):
     robot, motion = panda
     table = obstacles.table
+    permitted = None if limits is None else Permissions(limits, obstacle_speeds)
     return motion.contact_time(
         course, all_pairs(obstacles, len(robot.links)), NOW, 0.0, table.accepted,
-        table.refused_states, table.marks, limits, obstacle_speeds,
+        table.refused_states, table.marks, permitted,
     )  # fmt: skip
 
 
