@@ -5,6 +5,8 @@ each part, with its percentile and its source; `find_bounds` finds it by the id 
 `list_bounds` gives all of them as `Obstacles(bounds=…)` takes them. In a cell file `[bounds.of]`
 names parts by patterns of ids.
 
+A `Skeleton` makes obstacles of a person's joints, as body-tracking kits find them.
+
 `measure_motion` and `check_bounds` hold other recordings against them, which is needed wherever
 other people work. docs/people.md says how, and what was found.
 """
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from armguard.lazy import lazy_names
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
+from armguard.people.skeleton import Skeleton, Tethered
 
 if TYPE_CHECKING:
     from armguard.lab.people import BoundReport, Motion, check_bounds, measure_motion
@@ -33,6 +36,8 @@ __all__ = [
     "BoundReport",
     "Motion",
     "PartBounds",
+    "Skeleton",
+    "Tethered",
     "check_bounds",
     "find_bounds",
     "list_bounds",
