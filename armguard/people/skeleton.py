@@ -135,6 +135,19 @@ _KNUCKLES = (
 )
 """Likewise of the middle between the knuckles: half of a hand's breadth, and half of a palm."""
 
+_ENDS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
+"""Joints of both sides that are points of parts."""
+
+JOINTS = frozenset(
+    {
+        *(f"{side}_{end}" for side in _SIDES for end in _ENDS),
+        *(f"{side}_{end}" for side in _SIDES for ends, _ in _KNUCKLES for end in ends),
+        *(joint for joints, _ in _HEAD for joint in joints),
+        "neck",
+    }
+)
+"""Names of joints that tell of parts."""
+
 _NECK_ABOVE_COLLAR = 0.15
 """How far a kit's neck can be from the middle between the shoulders, in [m] (assumed)."""
 
@@ -519,7 +532,7 @@ def find_points(joints: Mapping[str, ArrayLike], position_error: float) -> dict[
             seen[name] = point
     found: dict[str, Ball] = {}
     for side in _SIDES:
-        for end in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe"):
+        for end in _ENDS:
             name = f"{side}_{end}"
             if name in seen:
                 found[name] = Ball(seen[name], position_error)
