@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from armguard.lazy import lazy_names
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
-from armguard.people.skeleton import Skeleton, Tethered
+from armguard.people.skeleton import UPPER_BODY, Skeleton, Tethered
 
 if TYPE_CHECKING:
     from armguard.lab.people import BoundReport, Motion, check_bounds, measure_motion
@@ -33,6 +33,7 @@ else:
 __all__ = [
     "BOUNDS",
     "PATTERNS",
+    "UPPER_BODY",
     "BoundReport",
     "Motion",
     "PartBounds",

@@ -91,6 +91,11 @@ def _list_parts() -> dict[str, Part]:
 PARTS: Mapping[str, Part] = _list_parts()
 """All parts of a body, by the end of their ids."""
 
+UPPER_BODY = tuple(
+    name for name, part in PARTS.items() if part.bounds not in ("thigh", "shank", "foot")
+)
+"""Parts that are left where legs cannot come near the arm, as behind a table."""
+
 
 def _list_bones() -> dict[tuple[str, str], str]:
     bones = {("head", "collar"): "neck"}

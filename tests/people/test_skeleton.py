@@ -1,5 +1,7 @@
 import math
+import re
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from armguard.body_regions import REGIONS
 from armguard.bridges.skeletons import MODELS
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
-from armguard.people import BOUNDS, Skeleton
+from armguard.people import BOUNDS, UPPER_BODY, Skeleton
 from armguard.people.proportions import SEGMENTS, THICKNESSES
 from armguard.people.skeleton import BONES, PARTS, Ball, find_points, infer_points
 from support.walking_person import WalkingPerson
@@ -289,6 +291,8 @@ def test_the_parts_that_are_named_are_sent_alone():
     assert [(one.a, one.b) for one in skeleton.tethers] == [
         ("person/left_forearm", "person/left_hand")
     ]
+    legs = {f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shank", "foot")}
+    assert set(PARTS) - set(UPPER_BODY) == legs
 
 
 @pytest.mark.parametrize(
@@ -306,6 +310,19 @@ def test_the_parts_that_are_named_are_sent_alone():
 def test_what_is_malformed_is_refused_by_name(options, message):
     with pytest.raises(ArmguardError, match=message):
         Skeleton(**options)
+
+
+def test_the_page_has_the_same_figures():
+    page = (Path(__file__).parents[2] / "docs" / "skeletons.md").read_text(encoding="utf-8")
+    for name, part in PARTS.items():
+        short = name.removeprefix("left_").removeprefix("right_")
+        (row,) = re.findall(rf"^\| {short} \| .*\d\.\d{{3}} \| .*$", page, flags=re.MULTILINE)[:1]
+        assert f"| {THICKNESSES[part.thickness].radius:.3f} |" in row
+        assert f"| {part.bounds} | {part.region or 'as patterns of ids state'} |" in row
+    for name, segment in SEGMENTS.items():
+        learned = "yes" if segment.is_rigid else "no"
+        row = f"| {name} | {segment.length:.3f} | {segment.per_height:.4f} | {learned} |"
+        assert row in page
 
 
 def test_calls_that_are_malformed_are_refused_by_name():
