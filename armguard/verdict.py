@@ -164,6 +164,13 @@ class ReasonKind(enum.Enum):
         "State the bounds that the body keeps: `accel` and `speed` of the message, a pattern "
         "in `[bounds.of]`, or `armguard.people` by part of the body.",
     )
+    TETHER_BROKEN = (
+        "tether broken",
+        Effect.NOTE,
+        "State a length that the two obstacles keep to; where that is right, look for swapped ids "
+        "and jumps in perception. Until both have agreed with the tether for `rise_delay` it is "
+        "not used (docs/obstacles.md).",
+    )
     ERRORS_EXCEEDED = (
         "errors larger than stated",
         Effect.NOTE,

@@ -47,11 +47,13 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
+from armguard.obstacles.tethers import TIED
 from armguard.pairs.course_clamps import NOTHING, find_obstacle_speeds
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import agrees, keep_known_state, make_known_states
 from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.scheduling.tether_uses import find_excess
 from armguard.settings.settings import Settings
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
@@ -459,7 +461,7 @@ class CommittedPieces:
             speeds = self._find_obstacle_speeds(course, pairs, tick.now)
         found = self._planned_motion().contact_time(
             course, pairs, tick.now, self._margin, state.bodies, state.refused_bodies, state.marks,
-            state.scene.contact_limits, speeds,
+            state.scene.contact_limits, speeds, state.scene.tethers,
         )  # fmt: skip
         self._judged = found.permitted_pair, found.permitted_speed
         self.evaluated += found.evaluated
@@ -503,8 +505,9 @@ def _keep_all(handle: Any, kept: Any) -> None:
 
 @kernel
 def _find_change(handle: Any, kept: Any) -> bool:
-    """Whether a state is refused, was lost, or is not what the one kept for a piece allows."""
+    """Whether a state is refused, was lost, or is not what those kept for a piece allow."""
     bodies, marks, known = handle.content.bodies, handle.content.marks, kept.content
+    tethers = handle.content.tethers
     for row in range(marks.alive.shape[0]):
         if not marks.alive[row]:
             continue
@@ -514,5 +517,13 @@ def _find_change(handle: Any, kept: Any) -> bool:
             continue
         if not agrees(bodies, marks, known.states, row, row):
             return True
+        if tethers.numbers[TIED] > 0:
+            # It is among what its partners' states say of it, too.
+            for k in range(tethers.count[row]):
+                number = tethers.of_row[row, k]
+                partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
+                length = tethers.length[number]
+                if find_excess(known.states, partner, bodies, row, length) > 0.0:
+                    return True
         known.revision[row] = marks.revision[row]
     return False

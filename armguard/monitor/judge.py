@@ -464,4 +464,4 @@ class Judge:
         if self._certify:
             from armguard.pairs.proof import compile_proof
 
-            compile_proof()
+            compile_proof(self._scheduler.arm.state)

@@ -33,6 +33,7 @@ from armguard.monitor.joint_reasons import (
 from armguard.monitor.judge import Judge
 from armguard.monitor.levels import STOP, VerdictRule
 from armguard.monitor.obstacle_reasons import (
+    describe_broken_tethers,
     describe_no_sources,
     describe_spreads,
     take_obstacle_reasons,
@@ -634,6 +635,8 @@ class Monitor:
                 reasons.append(Reason(ReasonKind.BOUND_BROKEN, obstacles.ids[row]))
         if obstacles.has_wide_spreads:
             reasons += describe_spreads(obstacles)
+        if obstacles.has_broken_tethers:
+            reasons += describe_broken_tethers(obstacles)
         if self._no_sources:
             reasons.append(describe_no_sources(obstacles))
         if self._ignored.unmatched or (exempts and exemptions.unmatched):
@@ -699,7 +702,11 @@ class Monitor:
             return refuse_plan("payload", "has changed since the last step: step first")
         if self.robot.revision != self._scheduler.arm.revision:
             return refuse_plan("tool", "was attached or detached since the last step: step first")
-        if obstacles.has_membership_changes or obstacles.table.changed_count[0] > 0:
+        if (
+            obstacles.has_membership_changes
+            or obstacles.has_new_tethers
+            or obstacles.table.changed_count[0] > 0
+        ):
             detail = "have changed since the last step by more than it allowed for: step first"
             return refuse_plan("obstacles", detail)
         if not obstacles.is_settled(self._now, self._source_timeout):

@@ -70,6 +70,11 @@ def describe_spreads(obstacles: Obstacles) -> list[Reason]:
     return [Reason(ReasonKind.ERRORS_EXCEEDED, *told) for told in obstacles.describe_spreads()]
 
 
+def describe_broken_tethers(obstacles: Obstacles) -> list[Reason]:
+    """Which tethers the states of both obstacles contradict: they are not used."""
+    return [Reason(ReasonKind.TETHER_BROKEN, *told) for told in obstacles.describe_broken_tethers()]
+
+
 def describe_no_sources(obstacles: Obstacles) -> Reason:
     """What it means that no source was named or heard: STOP, unless that was said."""
     if not obstacles.expects_sources:

@@ -21,6 +21,9 @@ from armguard.obstacles.possible_states import is_known, possible_states, state_
 from armguard.obstacles.table import Marks, States
 from armguard.obstacles.tethers import TIED, Tethers
 
+LONGEST = 1.0
+"""How far ahead partners are compared, in [s], at most."""
+
 NO_PARTNER = -1
 """In place of a row, where no tether says more of an obstacle than its own states."""
 
@@ -32,6 +35,12 @@ class Partner(NamedTuple):
     """That of the partner; NO_PARTNER where there is none."""
     radius: float
     """Around the hull of its centre points, in [m], within which all of the obstacle is."""
+    length: float
+    """Of the tether, in [m]."""
+
+
+ALONE = Partner(NO_PARTNER, 0.0, 0.0)
+"""That there is none."""
 
 
 @kernel
@@ -92,7 +101,8 @@ def find_partner(
         center: A place in the middle of what the obstacle must not touch, in [m]. Shape (3,).
     """
     if tethers.numbers[TIED] == 0 or tethers.count[row] == 0 or not is_known(marks, row):
-        return Partner(NO_PARTNER, 0.0)
+        return ALONE
+    horizon = min(horizon, LONGEST)
     x, y, z = center[0], center[1], center[2]
     best, radius = np.inf, 0.0
     for number in possible_states(marks, row):
@@ -101,7 +111,7 @@ def find_partner(
         best = min(best, _find_room(states, place, age, horizon, x, y, z) - states.radius[place])
     if math.isnan(best):
         best = -np.inf
-    found, reach = NO_PARTNER, 0.0
+    found, reach, length = NO_PARTNER, 0.0, 0.0
     for k in range(tethers.count[row]):
         number = tethers.of_row[row, k]
         partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
@@ -111,5 +121,5 @@ def find_partner(
         age = now - accepted.stamp[partner]
         room = _find_room(accepted, partner, age, horizon, x, y, z) - grown
         if room > best:
-            best, found, reach = room, partner, grown
-    return Partner(found, reach)
+            best, found, reach, length = room, partner, grown, tethers.length[number]
+    return Partner(found, reach, length)

@@ -23,7 +23,7 @@ from armguard.obstacles.possible_states import distrust, forget_expired, list_st
 from armguard.obstacles.sources import NO_SOURCE, Source, Sources, SourceState, Tombstones
 from armguard.obstacles.spread import describe_spread
 from armguard.obstacles.table import ObstacleTable
-from armguard.obstacles.tethers import TORN, Tether, tie
+from armguard.obstacles.tethers import TORN, Tether, Tie, tie
 
 NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
@@ -86,8 +86,10 @@ class ObstacleRegister:
         self._tethers: dict[frozenset[str], Tether] = {}
         """By both ids."""
         self._tethered: frozenset[str] = frozenset()
-        self._tied: list[Tether] = []
-        """By the number of each tether between rows."""
+        self._tied: list[tuple[Tether, int]] = []
+        """Tethers between rows by their numbers, each with the number of its source."""
+        self._broken: dict[tuple[Tether, int], tuple[float, float]] = {}
+        """What was found of tethers that are broken, those included of which a row is gone."""
         self.has_new_tethers = False
         """Whether `tie_rows` has to be called: tethers or tethered rows came or went."""
         # Compiled here, on a row that has no state.
@@ -150,15 +152,25 @@ class ObstacleRegister:
     def tie_rows(self) -> None:
         """Takes in which rows are tethered, after tethers or tethered obstacles came or went."""
         self.has_new_tethers = False
-        self._tied = []
-        rows = []
+        tethers = self.table.tethers
+        for number, one in enumerate(self._tied):
+            self._broken.pop(one, None)
+            if tethers.is_broken[number]:
+                found = float(tethers.excess[number]), float(tethers.agrees_since[number])
+                self._broken[one] = found
+        stated = set(self._tethers.values())
+        self._broken = {one: found for one, found in self._broken.items() if one[0] in stated}
+        self._tied, ties = [], []
         for tether in self._tethers.values():
-            for owner, places in self._rows.items():
-                if owner != NO_SOURCE and tether.a in places and tether.b in places:
-                    self._tied.append(tether)
-                    rows.append((places[tether.a], places[tether.b], tether.length))
-        self.table.make_room_for_tethers(len(rows))
-        tie(self.table.tethers, rows, self.table.revision)
+            for owner, rows in self._rows.items():
+                if owner != NO_SOURCE and tether.a in rows and tether.b in rows:
+                    one = tether, owner
+                    self._tied.append(one)
+                    ties.append(
+                        Tie(rows[tether.a], rows[tether.b], tether.length, self._broken.get(one))
+                    )
+        self.table.make_room_for_tethers(len(ties))
+        tie(self.table.tethers, ties, self.table.revision)
 
     @property
     def has_broken_tethers(self) -> bool:
@@ -168,7 +180,7 @@ class ObstacleRegister:
     def describe_broken_tethers(self) -> list[tuple[str, str]]:
         """Tethers that the states of both obstacles contradict, with what was found in words."""
         tethers, told = self.table.tethers, []
-        for number, tether in enumerate(self._tied):
+        for number, (tether, _) in enumerate(self._tied):
             if tethers.is_broken[number]:
                 found = f"{1e3 * tethers.excess[number]:.0f} mm"
                 words = f"{found} farther apart than {tether.length:g} m ({tether.source})"

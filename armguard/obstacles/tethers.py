@@ -92,33 +92,41 @@ def resize_tethers(tethers: Tethers, rows: int, room: int) -> Tethers:
     return resized
 
 
-def tie(tethers: Tethers, stated: Iterable[tuple[int, int, float]], revision: IntArray) -> None:
-    """Fill in which rows are tethered now; those that were before stay broken if they were.
+class Tie(NamedTuple):
+    """A tether between two rows."""
+
+    a: int
+    b: int
+    length: float
+    """[m]."""
+    broken: tuple[float, float] | None
+    """By how much they were too far apart, in [m], and since when they agree, in [s]; None: it is
+    not broken."""
+
+
+def tie(tethers: Tethers, ties: Iterable[Tie], revision: IntArray) -> None:
+    """Fill in which rows are tethered now.
 
     Args:
         tethers: Written, with room for all of them.
-        stated: Both rows and the length of each, in [m].
+        ties: What there is.
         revision: Of the rows. Shape (rows,).
     """
-    before = {
-        (*tethers.rows[number].tolist(), float(tethers.length[number])): number
-        for number in range(int(tethers.numbers[TIED]))
-    }
-    known = Tethers(*(array.copy() for array in tethers))
-    tethers.count[known.rows[: known.numbers[TIED]].ravel()] = 0
+    count = int(tethers.numbers[TIED])
+    compared = dict(
+        zip(map(tuple, tethers.rows[:count].tolist()), tethers.revision.copy(), strict=False)
+    )
+    tethers.count[tethers.rows[:count].ravel()] = 0
     tethers.numbers[:] = 0
-    for number, (a, b, length) in enumerate(stated):
+    for number, (a, b, length, broken) in enumerate(ties):
         tethers.rows[number] = a, b
         tethers.length[number] = length
-        tethers.is_broken[number], tethers.agrees_since[number] = False, math.inf
-        # Both are to be compared in the next tick.
-        tethers.revision[number] = revision[a] - 1, revision[b] - 1
-        same = before.get((a, b, length))
-        if same is not None:
-            for array, old in zip(tethers[2:6], known[2:6], strict=True):
-                array[number] = old[same]
+        tethers.is_broken[number] = broken is not None
+        tethers.excess[number], tethers.agrees_since[number] = broken or (0.0, math.inf)
+        # What is new is compared in the next tick.
+        tethers.revision[number] = compared.get((a, b), (revision[a] - 1, revision[b] - 1))
         for row in (a, b):
             tethers.of_row[row, tethers.count[row]] = number
             tethers.count[row] += 1
         tethers.numbers[TIED] += 1
-        tethers.numbers[TORN] += tethers.is_broken[number]
+        tethers.numbers[TORN] += broken is not None

@@ -29,6 +29,7 @@ from armguard.contact.bodies import Ball, Bounds, Hull
 from armguard.jit.arrays import BoolArray
 from armguard.jit.kernels import kernel, separate_kernel
 from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
+from armguard.obstacles.partners import NO_PARTNER, Partner, find_partner
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
@@ -67,14 +68,49 @@ def sphere_of(scene: Scene, node: int) -> ArmSphere:
     )  # fmt: skip
 
 
+class StatePlace(NamedTuple):
+    """Which state of a body is meant."""
+
+    place: int
+    """Where it stands among those."""
+    is_refused: bool
+    """Whether it is among the refused states; else the accepted ones."""
+    age: float
+    """Of the state, in [s]."""
+    radius: float
+    """Around its hull, in [m]: its own, or that within which what is tethered to it is."""
+
+
+@kernel
+def own_place(scene: Scene, row: int, number: int, now: float) -> StatePlace:
+    """One of an obstacle's own states that may be true, by its number; see `possible_states`."""
+    bodies, place, age = state_at(scene.bodies, scene.refused, scene.marks, row, number, now)
+    return StatePlace(place, number > 0, age, bodies.radius[place])
+
+
+@kernel
+def partner_of(scene: Scene, row: int, now: float, horizon: float) -> Partner:
+    """By whose state an obstacle is judged beside its own, in the `horizon` [s] to come."""
+    return find_partner(
+        scene.tethers, scene.bodies, scene.refused, scene.marks, row, now, horizon,
+        scene.arm.arm_ball,
+    )  # fmt: skip
+
+
+@kernel
+def partner_place(scene: Scene, partner: Partner, now: float) -> StatePlace:
+    """A partner's state, with the radius within which what is tethered to it is."""
+    row = max(partner.row, 0)
+    return StatePlace(row, bool(0), now - scene.bodies.stamp[row], partner.radius)
+
+
 @kernel
 def reach_time(
-    x: float, y: float, z: float, radius: float, bodies: States, row: int, age: float, margin: float
+    x: float, y: float, z: float, radius: float, bodies: States, state: StatePlace, margin: float
 ) -> float:
     """Contact time of a body and a ball that stands still for ever."""
-    distance = (radius + bodies.radius[row] + margin + bodies.position_error[row]) * (
-        1.0 + TERM_ROUNDING
-    )
+    row, age = state.place, state.age
+    distance = (radius + state.radius + margin + bodies.position_error[row]) * (1.0 + TERM_ROUNDING)
     time: float = row_contact_time(
         Ball(x, y, z, 0.0, 0.0, 0.0, Bounds(0.0, 0.0, 0.0, 0.0)),
         bodies.points, bodies.velocities, row, bodies.point_count[row],
@@ -84,10 +120,10 @@ def reach_time(
 
 
 @kernel
-def contact_distance(scene: Scene, node: int, bodies: States, row: int) -> float:
+def contact_distance(scene: Scene, node: int, bodies: States, state: StatePlace) -> float:
     """Distance of a sphere's centre and a body's hull that counts as contact, errors included."""
-    reach: float = scene.tree.radius[node] + bodies.radius[row] + scene.settings.margin
-    reach += scene.arm.position_error[node] + bodies.position_error[row]
+    reach: float = scene.tree.radius[node] + state.radius + scene.settings.margin
+    reach += scene.arm.position_error[node] + bodies.position_error[state.place]
     return reach * (1.0 + TERM_ROUNDING)
 
 
@@ -107,17 +143,6 @@ def _free_time(
         bounds_of(bodies, row, age), distance, ADVANCES, None,
     )  # fmt: skip
     return time if time >= 0.0 else 0.0
-
-
-class StatePlace(NamedTuple):
-    """Which of the states of a body is meant."""
-
-    place: int
-    """Where it stands among those."""
-    is_refused: bool
-    """Whether it is among the refused states; else the accepted ones."""
-    age: float
-    """Of the state, in [s]."""
 
 
 @separate_kernel
@@ -148,7 +173,7 @@ def link_time(
     """
     scene = handle.content
     tree, settings = scene.tree, scene.settings
-    row, is_refused, age = state
+    row, is_refused, age, _ = state
     bodies = scene.refused if is_refused else scene.bodies
     node_time, node_bound = scene.node_time, scene.node_bound
     best = np.inf
@@ -163,7 +188,7 @@ def link_time(
         time = lower_bound if parent < 0 else node_time[parent]
         bound = lower_bound_kind if parent < 0 else node_bound[parent]
         limit = min(best, cut_off)
-        distance = contact_distance(scene, node, bodies, row)
+        distance = contact_distance(scene, node, bodies, state)
         # The sphere as a free body: cheap, and enough for most nodes. The root's is known.
         if parent >= 0:
             free = _free_time(scene, node, bodies, row, arm_age, age, distance)
@@ -204,9 +229,7 @@ def link_reach_time(scene: Scene, link: int, state: StatePlace, lower_bound: flo
     """
     bodies = scene.refused if state.is_refused else scene.bodies
     ball = scene.arm.link_balls[link]
-    time = reach_time(
-        ball[0], ball[1], ball[2], ball[3], bodies, state.place, state.age, scene.settings.margin
-    )
+    time = reach_time(ball[0], ball[1], ball[2], ball[3], bodies, state, scene.settings.margin)
     return max(lower_bound, time)
 
 
@@ -226,15 +249,50 @@ def root_time(
     Returns:
         Contact time in [s], and what it rests on.
     """
-    place, is_refused, age = state
+    place, is_refused, age, _ = state
     bodies = scene.refused if is_refused else scene.bodies
     node = scene.tree.root[link]
-    distance = contact_distance(scene, node, bodies, place)
+    distance = contact_distance(scene, node, bodies, state)
     free = _free_time(scene, node, bodies, place, arm_age, age, distance)
     time, bound = lower_bound, REACH
     if not time >= free:
         time, bound = free, ISOTROPIC
     return time, bound
+
+
+@kernel
+def state_time(
+    handle: Any,
+    link: int,
+    state: StatePlace,
+    arm_age: float,
+    lower_bound: float,
+    lower_bound_kind: int,
+    refinement_threshold: float,
+    cut_off: float,
+) -> tuple[float, int, int, int]:
+    """Earliest contact of one link and one body; arguments and results as of `link_time`.
+
+    `lower_bound` is what is known of all links already, or of the link itself.
+    """
+    scene = handle.content
+    # Of one type wherever it comes from: each other one would be compiled for.
+    node, bound, evaluations = scene.tree.root[link], np.int64(lower_bound_kind), 1
+    time = link_reach_time(scene, link, state, lower_bound)
+    if time > lower_bound:
+        bound = np.int64(REACH)
+    if time < refinement_threshold and time < cut_off:
+        known = time
+        time, found = root_time(scene, link, state, arm_age, known)
+        evaluations += 1
+        if time > known:
+            bound = np.int64(found)
+    if time < refinement_threshold and time < cut_off:
+        time, node, bound, spent = link_time(
+            handle, link, state, arm_age, time, bound, refinement_threshold, cut_off
+        )
+        evaluations += spent
+    return time, node, bound, evaluations
 
 
 @kernel
@@ -250,6 +308,8 @@ def pair_time(
 ) -> tuple[float, int, int, int]:
     """Earliest contact of one link and one obstacle, whichever of its states is true.
 
+    Where it is tethered, that is the later one of this and of what its partner's state says.
+
     Args:
         handle: On the tick's `Scene`.
         link: Of the arm.
@@ -264,26 +324,22 @@ def pair_time(
         As `link_time`.
     """
     scene = handle.content
-    marks = scene.marks
     best = np.inf
-    best_node, best_bound, evaluations = scene.tree.root[link], REACH, 0
+    best_node, best_bound, evaluations = scene.tree.root[link], np.int64(REACH), 0
+    floor, floor_bound = lower_bound, np.int64(REACH)
+    partner = partner_of(scene, row, now, refinement_threshold)
+    if partner.row != NO_PARTNER and floor < refinement_threshold:
+        floor, _, floor_bound, evaluations = state_time(
+            handle, link, partner_place(scene, partner, now), arm_age, floor, floor_bound,
+            refinement_threshold, cut_off,
+        )  # fmt: skip
     # Invariant: by the states so far, there is no contact before `best`.
-    for number in possible_states(marks, row):
-        _, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
-        state = StatePlace(place, number > 0, age)
-        node = scene.tree.root[link]
-        time = link_reach_time(scene, link, state, lower_bound)
-        evaluations += 1
-        # Of one type wherever it comes from: each other one would be compiled for.
-        bound: Any = np.int64(REACH)
-        if time < refinement_threshold and time < cut_off:
-            time, bound = root_time(scene, link, state, arm_age, time)
-            evaluations += 1
-        if time < refinement_threshold and time < cut_off:
-            time, node, bound, spent = link_time(
-                handle, link, state, arm_age, time, bound, refinement_threshold, cut_off
-            )
-            evaluations += spent
+    for number in possible_states(scene.marks, row):
+        time, node, bound, spent = state_time(
+            handle, link, own_place(scene, row, number, now), arm_age, floor, floor_bound,
+            refinement_threshold, cut_off,
+        )  # fmt: skip
+        evaluations += spent
         if time < best:
             best, best_node, best_bound = time, node, bound
     return best, best_node, best_bound, evaluations
@@ -291,19 +347,32 @@ def pair_time(
 
 @kernel
 def arm_reach_time(scene: Scene, row: int, now: float) -> tuple[float, int]:
-    """Time before which an obstacle cannot be where any part of the arm can be; evaluations."""
-    marks, settings = scene.marks, scene.settings
-    if not is_known(marks, row):
+    """Time before which an obstacle cannot be where any part of the arm can be; evaluations.
+
+    By its own states; see `partner_reach_time`.
+    """
+    if not is_known(scene.marks, row):
         return 0.0, 0
-    ball = scene.arm.arm_ball
     soonest = np.inf
     evaluations = 0
-    for number in possible_states(marks, row):
-        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
-        time = reach_time(ball[0], ball[1], ball[2], ball[3], bodies, place, age, settings.margin)
-        soonest = min(soonest, time)
+    for number in possible_states(scene.marks, row):
+        state = own_place(scene, row, number, now)
+        soonest = min(soonest, _state_reach_time(scene, state))
         evaluations += 1
     return soonest, evaluations
+
+
+@kernel
+def partner_reach_time(scene: Scene, partner: Partner, now: float) -> float:
+    """The same by the state of a partner that the obstacle is tethered to, in [s]."""
+    return _state_reach_time(scene, partner_place(scene, partner, now))
+
+
+@kernel
+def _state_reach_time(scene: Scene, state: StatePlace) -> float:
+    bodies = scene.refused if state.is_refused else scene.bodies
+    ball = scene.arm.arm_ball
+    return reach_time(ball[0], ball[1], ball[2], ball[3], bodies, state, scene.settings.margin)
 
 
 @kernel
@@ -421,13 +490,57 @@ def _is_sphere_harmless(
 
 
 @kernel
+def _is_safe(
+    scene: Scene,
+    node: int,
+    link: int,
+    row: int,
+    state: StatePlace,
+    limit: ContactLimit,
+    near_count: int,
+    now: float,
+) -> tuple[bool, float, int]:
+    """Whether a sphere rests, or is harmless for good, before it meets a state of an obstacle.
+
+    Args:
+        scene: The tick.
+        node: The sphere.
+        link: Its link.
+        row: Of the obstacle.
+        state: The obstacle's own, or its partner's.
+        limit: What contact with the obstacle is permitted.
+        near_count: What `find_near` found for the link; below 0: not known yet.
+        now: Time of the tick on the obstacles' clock, in [s].
+
+    Returns:
+        That; a bound on its speed in a contact, in [m/s]; and `near_count` as it is known now.
+    """
+    bodies = scene.refused if state.is_refused else scene.bodies
+    table = scene.braking
+    last = table.time.shape[0] - 1
+    hull, distance = (
+        hull_of(bodies, state.place, state.age), contact_distance(scene, node, bodies, state)
+    )  # fmt: skip
+    if not limit.max_speed > 0.0:
+        return is_free_until(sphere_of(scene, node), table, hull, distance, last), 0.0, near_count
+    # Most spheres are away from the obstacle.
+    if is_free_at_once(sphere_of(scene, node), table, hull, distance):
+        return True, 0.0, near_count
+    if near_count < 0:
+        near_count = find_near(scene, link, row, table, last, now, limit.gap)
+    is_safe, speed = _is_sphere_harmless(scene, node, hull, distance, limit, near_count, now)
+    return is_safe, speed, near_count
+
+
+@kernel
 def rests_in_time(
     handle: Any, link: int, row: int, now: float, budget: int
 ) -> tuple[int, int, float]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
     Where contact with the obstacle is permitted, it has to be slow enough for good before contact.
-    Descends to the spheres that fail; the scene's table of braking ends when the arm rests.
+    Descends to the spheres that fail; the scene's table of braking ends when the arm rests. Of what
+    is tethered, a sphere is safe that is safe from its partner's state.
 
     Args:
         handle: On the tick's `Scene`, its arm prepared.
@@ -444,35 +557,28 @@ def rests_in_time(
     scene = handle.content
     if not is_known(scene.marks, row):
         return TOUCHES, 0, 0.0
-    marks, tree = scene.marks, scene.tree
-    limit, table = limit_of(scene, row), scene.braking
-    last = table.time.shape[0] - 1
+    tree, limit, table = scene.tree, limit_of(scene, row), scene.braking
     evaluations, greatest = 0, 0.0
-    for number in possible_states(marks, row):
-        bodies, place, age = state_at(scene.bodies, scene.refused, marks, row, number, now)
+    partner = partner_of(scene, row, now, table.time[table.time.shape[0] - 1])
+    partners_state = partner_place(scene, partner, now)
+    for number in possible_states(scene.marks, row):
+        state = own_place(scene, row, number, now)
         # Invariant: whatever the nodes passed so far own rests before it is touched, or is
         # harmless from then on.
         node = tree.root[link]
-        near_count = -1  # not known yet
+        near_count: Any = np.int64(-1)  # not known yet
         while node >= 0:
             if not evaluations < budget:
                 return UNDECIDED, evaluations, 0.0
             evaluations += 1
-            hull, distance = (
-                hull_of(bodies, place, age), contact_distance(scene, node, bodies, place)
-            )  # fmt: skip
-            speed = 0.0
-            if not limit.max_speed > 0.0:
-                is_safe = is_free_until(sphere_of(scene, node), table, hull, distance, last)
-            else:
-                # Most spheres are away from the obstacle.
-                is_safe = is_free_at_once(sphere_of(scene, node), table, hull, distance)
-                if not is_safe:
-                    if near_count < 0:
-                        near_count = find_near(scene, link, row, table, last, now, limit.gap)
-                    is_safe, speed = _is_sphere_harmless(
-                        scene, node, hull, distance, limit, near_count, now
-                    )
+            is_safe, speed, near_count = _is_safe(
+                scene, node, link, row, state, limit, near_count, now
+            )
+            if not is_safe and partner.row != NO_PARTNER:
+                evaluations += 1
+                is_safe, speed, near_count = _is_safe(
+                    scene, node, link, row, partners_state, limit, near_count, now
+                )
             if is_safe:
                 greatest = max(greatest, speed)
                 node = tree.skip[node]

@@ -117,6 +117,7 @@ class TickState:
             self.bodies,
             self.refused_bodies,
             self.marks,
+            table.tethers,
             self._contact_limits,
             motion.link_gaps,
             self._clamp_room,

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 
 from armguard.contact.earliest import Certificate, certify
+from armguard.jit.kernels import kernel
 from armguard.jit.numerics import TERM_ROUNDING
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.table import States
+from armguard.pairs.contact_time import StatePlace, partner_of, partner_place
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.scene import ADVANCES
 
@@ -37,20 +39,38 @@ def prove_pair(
     """
     # Each state that may be true needs a proof of its own; the soonest of them decides.
     states = list_states(state.bodies, state.refused_bodies, state.marks, row, state.now)
-    proofs = (_prove_state(state, sphere, *each) for each in states)
-    return min(proofs, key=lambda proof: proof[0].contact_time, default=None)
+    proofs = (
+        _prove_state(state, sphere, bodies, StatePlace(place, False, age, bodies.radius[place]))
+        for bodies, place, age in states
+    )
+    soonest = min(proofs, key=lambda proof: proof[0].contact_time, default=None)
+    partner = _find_partner(state.handle, row, state.now, state.refinement_threshold)
+    if soonest is None or partner.place < 0:
+        return soonest
+    # A partner that the obstacle is tethered to may prove more.
+    by_partner = _prove_state(state, sphere, state.bodies, partner)
+    return max(soonest, by_partner, key=lambda proof: proof[0].contact_time)
+
+
+@kernel
+def _find_partner(handle: Any, row: int, now: float, horizon: float) -> StatePlace:
+    """State of the partner that an obstacle is judged by; its place is negative without one."""
+    scene = handle.content
+    partner = partner_of(scene, row, now, horizon)
+    state = partner_place(scene, partner, now)
+    return StatePlace(partner.row, state.is_refused, state.age, state.radius)
 
 
 def _prove_state(
-    state: TickState, sphere: int, bodies: States, place: int, age: float
+    state: TickState, sphere: int, bodies: States, body: StatePlace
 ) -> tuple[Certificate, dict[str, Any]]:
-    """The latest certificate of one state of an obstacle."""
+    """The latest certificate of one state of an obstacle, or of its partner."""
     proofs = []
     decider = sphere
     while sphere >= 0:
         arm = state.arm
         own = (*arm.centers[sphere], state.tree.radius[sphere] + arm.position_error[sphere])
-        inputs = _describe(state, own, bodies, place, float(age)) | {
+        inputs = _describe(state, own, bodies, body) | {
             "v1": np.array(arm.velocities[sphere]),
             "a1": float(arm.accel[sphere]),
             "s1": float(arm.speed[sphere]),
@@ -60,19 +80,20 @@ def _prove_state(
         proofs.append((certify(**inputs, advances=ADVANCES), inputs))
         sphere = int(state.tree.parent[sphere])
     for ball in (state.arm.link_balls[state.link_of[decider]], state.arm.arm_ball):
-        inputs = _describe(state, tuple(ball), bodies, place, float(age))
+        inputs = _describe(state, tuple(ball), bodies, body)
         proofs.append((certify(**inputs, advances=ADVANCES), inputs))
     return max(proofs, key=lambda proof: proof[0].contact_time)
 
 
-def compile_proof() -> None:
+def compile_proof(state: TickState) -> None:
     """Make a proof once, so that nothing is compiled in a tick."""
+    _find_partner(state.handle, 0, 0.0, 0.0)
     place, still = np.zeros(3), np.zeros(3)
     certify(place, still, 1.0, 1.0, np.ones((1, 3)), np.zeros((1, 3)), 1.0, 1.0, 0.1)
 
 
 def _describe(
-    state: TickState, ball: tuple[float, ...], bodies: States, row: int, age: float
+    state: TickState, ball: tuple[float, ...], bodies: States, body: StatePlace
 ) -> dict[str, Any]:
     """Arguments of `certify` for one obstacle and a ball that stands still for ever.
 
@@ -82,11 +103,11 @@ def _describe(
         state: The tick's numbers.
         ball: Centre and radius, with what its place may be off by, in [m].
         bodies: States of obstacles.
-        row: Of the obstacle's among them.
-        age: Of that state, in [s].
+        body: Which of them, and with which radius.
     """
+    row, age = int(body.place), float(body.age)
     count = int(bodies.point_count[row])
-    reach = ball[3] + bodies.radius[row] + state.scene.settings.margin + bodies.position_error[row]
+    reach = ball[3] + body.radius + state.scene.settings.margin + bodies.position_error[row]
     return {
         "p1": np.array(ball[:3]),
         "v1": np.zeros(3),

@@ -18,6 +18,7 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
+from armguard.obstacles.tethers import Tethers
 from armguard.pairs.clamping import ClampRoom
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
@@ -84,6 +85,8 @@ class Scene(NamedTuple):
     refused: States
     """Refused ones that may be true as well; see `obstacles.possible_states`."""
     marks: Marks
+    tethers: Tethers
+    """Between obstacles; see `obstacles.partners`."""
     contact_limits: RegionLimits
     """What contact is permitted, by region."""
     link_gaps: LinkGaps

@@ -12,23 +12,23 @@ from typing import Any
 
 from armguard.contact.gjk import distance_to_hull
 from armguard.jit.kernels import kernel
-from armguard.obstacles.possible_states import possible_states, state_at
-from armguard.obstacles.table import States
-from armguard.pairs.contact_time import contact_distance
+from armguard.obstacles.possible_states import possible_states
+from armguard.pairs.contact_time import StatePlace, contact_distance, own_place
 from armguard.pairs.scene import Scene
 
 NO_LINK = -1
 
 
 @kernel
-def _meets(scene: Scene, node: int, bodies: States, place: int) -> tuple[bool, bool]:
+def _meets(scene: Scene, node: int, state: StatePlace) -> tuple[bool, bool]:
     """Whether a sphere meets a body as it was measured, and whether it surely recedes from it."""
-    center = scene.arm.centers[node]
+    bodies = scene.refused if state.is_refused else scene.bodies
+    center, place = scene.arm.centers[node], state.place
     distance, x, y, z = distance_to_hull(
         center[0], center[1], center[2], bodies.points[place], bodies.velocities[place],
         bodies.point_count[place],
     )  # fmt: skip
-    if distance > contact_distance(scene, node, bodies, place):
+    if distance > contact_distance(scene, node, bodies, state):
         return False, False
     velocity = scene.arm.velocities[node]
     closing = velocity[0] * x + velocity[1] * y + velocity[2] * z
@@ -49,14 +49,14 @@ def find_touching_link(handle: Any, row: int, watched: Any, now: float) -> int:
     scene = handle.content
     marks, tree = scene.marks, scene.tree
     for number in possible_states(marks, row):
-        bodies, place, _ = state_at(scene.bodies, scene.refused, marks, row, number, now)
+        state = own_place(scene, row, number, now)
         for link in range(tree.root.shape[0]):
             if not watched[link]:
                 continue
             # Invariant: no sphere that was passed so far touches it without receding.
             node = tree.root[link]
             while node >= 0:
-                meets, recedes = _meets(scene, node, bodies, place)
+                meets, recedes = _meets(scene, node, state)
                 if not meets:
                     node = tree.skip[node]
                 elif tree.first_child[node] >= 0:

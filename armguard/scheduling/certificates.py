@@ -13,6 +13,7 @@ from armguard.jit.layout import make_records
 from armguard.obstacles.reference_states import allows_reference_state, keep_reference_state
 from armguard.obstacles.table import ChangedRows, Marks, States, extend_rows, make_states
 from armguard.pairs.scene import UNKNOWN
+from armguard.scheduling.tether_uses import TetherUses, drop_uses, make_uses, resize_uses
 from armguard.scheduling.timing_wheel import Wheel, grow_wheel, make_due, make_wheel, take_out
 from armguard.scheduling.tournament import (
     ROOT,
@@ -127,6 +128,8 @@ class Certificates(NamedTuple):
     pair_bound: NDArray[np.int8]
     """What that rests on, an index of `BOUND_NAMES`. Shape (rows, links)."""
     proofs: StopProofs
+    uses: TetherUses
+    """Partners' states that certificates and proofs of tethered rows rest on."""
     broken: IntArray
     """Rows whose changes broke the bounds behind their certificates. Shape (rows,)."""
     numbers: IntArray
@@ -150,6 +153,7 @@ def make_certificates(links: int, *, permits_contact: bool) -> Certificates:
         ),
         **_make_rows(0, links, permits_contact=permits_contact),
         proofs=_make_proofs(0, 1),
+        uses=make_uses(0, 1),
         broken=np.zeros(0, dtype=np.int64),
         numbers=np.array([0, -1, -1, 0, 0, 0, -9, 0]),
     )
@@ -220,6 +224,7 @@ def grow_certificates(
         **grown,
         # To prove it again takes less than to copy it.
         proofs=_make_proofs(rows, width),
+        uses=resize_uses(certificates.uses, rows, width),
         broken=extend_rows(certificates.broken, rows),
     )
 
@@ -239,6 +244,15 @@ def invalidate(certificates: Certificates, row: int) -> None:
     certificates.proofs.until[2 * row : 2 * row + 2] = -np.inf
     make_due(certificates.wheel, row, -np.inf)
     set_ends(certificates, row, -np.inf, -np.inf)
+
+
+@kernel
+def end_uses(handle: Any, rows: IntArray) -> None:
+    """End what was proved of some rows by tethers: these are others now."""
+    certificates = handle.content
+    for row in rows:
+        if drop_uses(certificates.uses, row) and certificates.watched[row].any():
+            invalidate(certificates, row)
 
 
 @kernel

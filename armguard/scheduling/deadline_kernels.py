@@ -38,21 +38,26 @@ from armguard.bounds.operating_history import (
 )
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, separate_kernel
+from armguard.obstacles.partners import ALONE, NO_PARTNER, Partner
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.reference_states import allows_reference_state, expire, keep_reference_state
 from armguard.obstacles.regions import ContactLimit
 from armguard.obstacles.table import clear_changed_rows, copy_state
+from armguard.obstacles.tethers import TIED
 from armguard.pairs.contact_time import (
     RESTS,
     TOUCHES,
     UNDECIDED,
-    StatePlace,
     arm_reach_time,
     find_harm_time,
     limit_of,
     link_reach_time,
     link_time,
+    own_place,
     pair_time,
+    partner_of,
+    partner_place,
+    partner_reach_time,
     rests_in_time,
     root_time,
 )
@@ -84,6 +89,17 @@ from armguard.scheduling.certificates import (
     set_ends,
     stop_place,
     withdraw_permissions,
+)
+from armguard.scheduling.tether_uses import (
+    ASKED,
+    CERTIFICATE,
+    NOT_ASKED,
+    USES,
+    copy_use,
+    drop_uses,
+    find_excess,
+    follow_tether,
+    keep_use,
 )
 from armguard.scheduling.timing_wheel import (
     NOBODY,
@@ -204,6 +220,83 @@ def _read_changes(scene: Scene, certificates: Certificates) -> int:
 
 
 @kernel
+def _read_tethers(scene: Scene, certificates: Certificates, moment: Moment, mending: float) -> int:
+    """End what was proved by tethers that newer states contradict; how many rows that concerns.
+
+    Invariant: the revisions of each tether are those of its rows in the last tick that evaluated,
+    before which each proof was made that uses it.
+    """
+    tethers, marks, uses = scene.tethers, scene.marks, certificates.uses
+    now, time = moment.now, moment.time
+    overtaken = 0
+    for number in range(tethers.numbers[TIED]):
+        first, second = tethers.rows[number, 0], tethers.rows[number, 1]
+        news = (
+            marks.revision[first] - tethers.revision[number, 0],
+            marks.revision[second] - tethers.revision[number, 1],
+        )
+        if news[0] == 0 and news[1] == 0:
+            continue
+        tethers.revision[number, 0] = marks.revision[first]
+        tethers.revision[number, 1] = marks.revision[second]
+        breaks = follow_tether(tethers, number, scene.bodies, marks, now, mending)
+        for side in range(2):
+            row, partner = (first, second) if side == 0 else (second, first)
+            stands = not breaks
+            for use in range(USES):
+                place = row * USES + use
+                if stands and uses.partner[place] == partner:
+                    if _is_over(certificates, row, use, time):
+                        uses.partner[place] = NO_PARTNER
+                        continue
+                    stands = _stands(scene, certificates, place, row, news[1 - side], news[side])
+            if not stands:
+                drop_uses(uses, row)
+                # What committed pieces rest on may be lost, though no certificate is.
+                overtaken += 1
+                if certificates.watched[row].any():
+                    invalidate(certificates, row)
+    if overtaken > 0:
+        withdraw_permissions(certificates)
+    return overtaken
+
+
+@kernel
+def _is_over(certificates: Certificates, row: int, use: int, time: float) -> bool:
+    """Whether it is a proof of a stop that has ended, so that it rests on nothing."""
+    if use == CERTIFICATE:
+        return False
+    is_paced = use in (ASKED + 1, NOT_ASKED + 1)
+    return not certificates.proofs.until[stop_place(row, is_paced)] >= time
+
+
+@kernel
+def _stands(
+    scene: Scene, certificates: Certificates, place: int, row: int, news: int, own_news: int
+) -> bool:
+    """Whether a proof by a partner's state still holds; see `tether_uses`.
+
+    Args:
+        scene: The tick.
+        certificates: Among which the proof is.
+        place: Of the use.
+        row: That it is about.
+        news: By how much the partner's revision has gone up since it was compared last.
+        own_news: By how much the row's own has.
+    """
+    uses, marks = certificates.uses, scene.marks
+    partner = uses.partner[place]
+    if news > 0:
+        is_same = news == 1 and not marks.refused[partner]
+        if not (is_same and agrees(scene.bodies, marks, uses.states, partner, place)):
+            return False
+    if own_news > 0 and marks.has_state[row]:
+        excess = find_excess(uses.states, place, scene.bodies, row, uses.length[place])
+        return own_news == 1 and not excess > 0.0
+    return True
+
+
+@kernel
 def _enter_pair(
     scene: Scene,
     certificates: Certificates,
@@ -224,11 +317,20 @@ def _enter_pair(
 
 @kernel
 def _evaluate_links(
-    scene: Scene, certificates: Certificates, row: int, moment: Moment, lower_bound: float
+    scene: Scene,
+    certificates: Certificates,
+    row: int,
+    moment: Moment,
+    lower_bound: float,
+    partner: Partner,
 ) -> tuple[float, float, int]:
-    """Evaluate all watched links of one obstacle: soonest contact and harm in [s], evaluations."""
+    """Evaluate all watched links of one obstacle: soonest contact and harm in [s], evaluations.
+
+    `partner` is that of `partner_of`.
+    """
     now, _, _, arm_age, refinement_threshold = moment
     links = certificates.watched.shape[1]
+    is_tethered = partner.row != NO_PARTNER
     evaluations = 0
     best = harm = np.inf
     limit = limit_of(scene, row)
@@ -247,14 +349,17 @@ def _evaluate_links(
             certificates.pair_sphere[row, each] = node
             certificates.pair_bound[row, each] = bound
         return best, harm, evaluations
-    age = 0.0 if scene.marks.static[row] else now - scene.bodies.stamp[row]
-    state = StatePlace(row, bool(0), age)
+    state, partners_state = own_place(scene, row, 0, now), partner_place(scene, partner, now)
     # What links cannot leave comes first; UNKNOWN marks those of whose spheres nothing is known.
     for each in range(links):
         if certificates.watched[row, each]:
-            scene.link_time[each] = link_reach_time(scene, each, state, lower_bound)
-            scene.link_bound[each] = UNKNOWN
+            time = link_reach_time(scene, each, state, lower_bound)
             evaluations += 1
+            if is_tethered and time < refinement_threshold:
+                time = link_reach_time(scene, each, partners_state, time)
+                evaluations += 1
+            scene.link_time[each] = time
+            scene.link_bound[each] = UNKNOWN
     # Each round takes the most imminent link that is left: once to know the sphere around it, once
     # to be refined, in an order by which later ones seldom need either. -1 marks those done.
     for _ in range(2 * links):
@@ -271,13 +376,25 @@ def _evaluate_links(
             if bound == UNKNOWN:
                 found, bound = root_time(scene, link, state, arm_age, found)
                 evaluations += 1
+                if is_tethered and found < best and found < refinement_threshold:
+                    later, kind = root_time(scene, link, partners_state, arm_age, found)
+                    evaluations += 1
+                    if later > found:
+                        found, bound = later, kind
                 scene.link_time[link] = found
                 scene.link_bound[link] = bound
                 continue
-            found, node, bound, spent = link_time(
-                scene, link, state, arm_age, found, bound, refinement_threshold, best
-            )
-            evaluations += spent
+            if is_tethered:
+                found, node, bound, spent = link_time(
+                    scene, link, partners_state, arm_age, found, bound, refinement_threshold, best
+                )
+                evaluations += spent
+            # What the partner's state says of the link is a bound for each of its spheres.
+            if found < best and found < refinement_threshold:
+                found, node, bound, spent = link_time(
+                    scene, link, state, arm_age, found, bound, refinement_threshold, best
+                )
+                evaluations += spent
         scene.link_time[link] = -1.0
         best = min(best, found)
         harm = min(harm, _enter_pair(scene, certificates, row, link, found, limit, moment))
@@ -303,16 +420,24 @@ def _evaluate_obstacle(
     now, time, refinement_threshold = moment.now, moment.time, moment.refinement_threshold
     best, evaluations = 0.0, 0
     bound = UNKNOWN
+    partner = ALONE
     if is_known(scene.marks, row):
         best, evaluations = arm_reach_time(scene, row, now)
         bound = REACH
         if best < refinement_threshold:
-            if not placed:
-                return np.nan, np.nan, evaluations
-            _prepare_for(scene, certificates, q, v, moment)
-            best, harm, spent = _evaluate_links(scene, certificates, row, moment, best)
-            set_ends(certificates, row, expire(time, best), expire(time, harm))
-            return best, harm, evaluations + spent
+            partner = partner_of(scene, row, now, refinement_threshold)
+            if partner.row != NO_PARTNER:
+                best = max(best, partner_reach_time(scene, partner, now))
+                evaluations += 1
+        if best < refinement_threshold and not placed:
+            return np.nan, np.nan, evaluations
+    if scene.tethers.numbers[TIED] > 0:
+        keep_use(certificates.uses, scene.bodies, row, CERTIFICATE, partner)
+    if bound == REACH and best < refinement_threshold:
+        _prepare_for(scene, certificates, q, v, moment)
+        best, harm, spent = _evaluate_links(scene, certificates, row, moment, best, partner)
+        set_ends(certificates, row, expire(time, best), expire(time, harm))
+        return best, harm, evaluations + spent
     expiry = expire(time, best)
     for link in range(certificates.watched.shape[1]):
         certificates.pair_expiry[row, link] = certificates.pair_harm[row, link] = expiry
@@ -395,6 +520,8 @@ class TickData(NamedTuple):
     """Evaluations in a tick after which nothing further is begun."""
     crowd: int
     """The same once a STOP is certain."""
+    rise_delay: float
+    """For how long states must agree with a tether that they have broken, in [s]."""
     decides: bool
     """Whether a stop decision is asked where a contact time alone would stop the arm."""
 
@@ -511,6 +638,8 @@ def _evaluate_due(
     wheel = certificates.wheel
     # What has changed falls due now.
     overtaken = _read_changes(scene, certificates)
+    if scene.tethers.numbers[TIED] > 0:
+        overtaken += _read_tethers(scene, certificates, moment, watching.rise_delay)
     clock = tick_of(time, period)
     turn(wheel, clock)
     if not expects_stop:
@@ -789,6 +918,10 @@ def find_unsafe(
             proofs.made_at[place] = time
             keep_known_state(scene.bodies, scene.marks, proofs.known, row, place)
             copy_state(certificates.reference_states, row, proofs.reference_states, place)
+            if scene.tethers.numbers[TIED] > 0:
+                partner = partner_of(scene, row, now, scene.braking.time[-1])
+                keep_use(certificates.uses, scene.bodies, row, ASKED + is_paced, partner)
+                copy_use(certificates.uses, row, CERTIFICATE, NOT_ASKED + is_paced)
     return first_row, first_link_of_row, evaluations, 0
 
 

@@ -21,6 +21,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
+from armguard.obstacles.partners import NO_PARTNER
 from armguard.obstacles.regions import strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
@@ -37,6 +38,7 @@ from armguard.scheduling.certificates import (
     UNPLACED,
     UNSEEN,
     Certificates,
+    end_uses,
     find_most_imminent,
     grow_certificates,
     insert,
@@ -58,6 +60,7 @@ from armguard.scheduling.deadline_kernels import (
     recall_stops,
 )
 from armguard.scheduling.layouts import Layouts
+from armguard.scheduling.tether_uses import USES
 from armguard.scheduling.timing_wheel import NOBODY, SLOTS, WAITING
 from armguard.scheduling.tournament import entries_of
 from armguard.settings.settings import MOST_EVALUATIONS, Settings
@@ -202,7 +205,8 @@ def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
     own = certificates._asdict()
     del own["reference_states"], own["news"], own["permits_contact"]
     *proofs, _, _ = own.pop("proofs")  # without these no state that they rest on is read
-    return [*own.pop("wheel"), *proofs, *own.values()]
+    partner = own.pop("uses").partner
+    return [*own.pop("wheel"), *proofs, partner, *own.values()]
 
 
 class Scheduler:
@@ -273,8 +277,14 @@ class Scheduler:
                 self._desks[self.arm] = self._desk
             self._prepare()
             self._all_invalid = True
+        ties = self._obstacles.has_new_tethers
+        if ties:
+            self._obstacles.tie_rows()
         if self.arm.state.view_table():
             self._fit()
+        if ties:
+            used = np.flatnonzero(self.certificates.uses.partner != NO_PARTNER) // USES
+            end_uses(self._handle, np.unique(used))
         added, removed = self._obstacles.drain_membership()
         if len(removed):
             self._remove(removed)
@@ -677,7 +687,8 @@ class Scheduler:
             TickData(
                 scene, certificates, self._states.guard, self._record,
                 settings.braking_delay, self._max_staleness, settings.aware_margin,
-                settings.period, self._budget, self._crowd, scene.settings.with_joints,
+                settings.period, self._budget, self._crowd, settings.rise_delay,
+                scene.settings.with_joints,
             )
         )  # fmt: skip
         handle = pack(certificates)
@@ -718,6 +729,7 @@ class Scheduler:
         zeros, none = np.zeros(len(self._robot.joints)), np.zeros(0, dtype=np.int64)
         insert(self._handle, none, np.zeros((0, len(self.arm.links)), dtype=np.bool_))
         remove(self._handle, none)
+        end_uses(self._handle, none)
         invalidate_all(self._handle)
         # Numbers of ticks begin at 1.
         tick = Tick(-1, 0.0, 0.0, zeros, zeros, 0.0, 0.0, 0.0)

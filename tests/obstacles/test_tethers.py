@@ -93,6 +93,12 @@ def test_a_broken_tether_stays_broken_when_others_come_and_go():
     assert obstacles.has_broken_tethers
     (told,) = obstacles.describe_broken_tethers()
     assert told == ("b and c", "123 mm farther apart than 0.4 m (guessed)")
+    obstacles.remove(["c"])
+    obstacles.tie_rows()
+    assert not obstacles.has_broken_tethers, "there is nothing to be tethered"
+    tell(obstacles, ["c"], 1.0)
+    obstacles.tie_rows()
+    assert obstacles.describe_broken_tethers() == [told]
     obstacles.tether("b", "c", 0.6, "guessed")
     obstacles.tie_rows()
     assert not obstacles.has_broken_tethers, "that is another premise"

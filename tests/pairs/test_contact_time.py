@@ -40,7 +40,8 @@ ACCEL = 10.0
 
 @kernel
 def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceiling):
-    scene, state = handle.content, StatePlace(row, bool(0), age)
+    scene = handle.content
+    state = StatePlace(row, bool(0), age, scene.bodies.radius[row])
     known, bound = root_time(scene, link, state, arm_age, floor)
     return link_time(handle, link, state, arm_age, known, bound, refinement_threshold, ceiling)
 
@@ -48,7 +49,8 @@ def ask_link(handle, link, row, arm_age, age, floor, refinement_threshold, ceili
 @kernel
 def ask_root(handle, link, row, arm_age, age, floor):
     """By reach, and by the sphere around the link as well."""
-    scene, state = handle.content, StatePlace(row, bool(0), age)
+    scene = handle.content
+    state = StatePlace(row, bool(0), age, scene.bodies.radius[row])
     reach = link_reach_time(scene, link, state, floor)
     return reach, root_time(scene, link, state, arm_age, reach)[0]
 
@@ -80,7 +82,9 @@ def ask_joint(handle, node, row, age, brakes):
     bodies = scene.bodies
     return table_contact_time(
         sphere_of(scene, node), scene.braking if brakes else scene.table,
-        hull_of(bodies, row, age), contact_distance(scene, node, bodies, row), 0.0, np.inf,
+        hull_of(bodies, row, age), contact_distance(
+            scene, node, bodies, StatePlace(row, bool(0), age, bodies.radius[row])
+        ), 0.0, np.inf,
     )  # fmt: skip
 
 

@@ -6,7 +6,13 @@ import pytest
 from armguard import ArmObstacles, Obstacles, OperatingLimits, Plan
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import PlanVerdictMessage, VerdictMessage
-from armguard.messages.events import DroppedPoints, PromiseBroken, StaticObstacle
+from armguard.messages.events import (
+    DroppedPoints,
+    PromiseBroken,
+    StaticObstacle,
+    TetherEnded,
+    TetherStated,
+)
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
 from armguard.recording import Recorder, Recording, Replay, replay
 from armguard.recording.events import Gap
@@ -91,6 +97,37 @@ def test_clouds_and_entrances_are_replayed_to_the_bit(tmp_path):
     rows = obstacles.entrance_rows
     assert rows.tolist() == one.obstacles.entrance_rows.tolist()
     assert table.radius[rows].tolist() == again.radius[rows].tolist()
+
+
+def test_tethers_are_replayed_to_the_bit(tmp_path):
+    path, obstacles = tmp_path / "run.mcap", Obstacles()
+    obstacles.tether("elbow", "shoulder", 0.36, "measured")
+    obstacles.tether("hand", "elbow", 0.3, "guessed")
+    _, monitor = make_monitor(obstacles=obstacles, rate=500.0, operating="published")
+    verdicts = []
+    with Recorder(path, monitor):
+        for tick in range(500):
+            now = 0.002 * tick
+            if tick == 150:
+                obstacles.untether("hand", "elbow")
+            if tick == 200:
+                obstacles.tether("elbow", "shoulder", 0.34, "learned")
+            if tick % 5 == 0:
+                # The elbow is hidden at first; it is too far away when it comes into view.
+                places = {"shoulder": 1.3, "hand": 0.95} | ({"elbow": 0.9} if tick > 250 else {})
+                places |= {"elbow": 1.0} if tick == 0 else {}
+                points = [[x, 0.0, 0.6] for x in places.values()]
+                bounds = {"position_error": 0.01, "velocity_error": 0.05}
+                obstacles.update(list(places), now, points, 0.0 * np.array(points), 0.08, **bounds)
+            verdicts.append(monitor.step(now, HOME, STILL))
+    told = {reason.kind for verdict in verdicts for reason in verdict.reasons}
+    assert ReasonKind.TETHER_BROKEN in told
+    events = [type(event) for _, event, _ in Recording(path).events()]
+    assert (events.count(TetherStated), events.count(TetherEnded)) == (3, 1)
+    one = Replay(Recording(path))
+    assert repr([tick.replayed for tick in one.ticks()]) == repr(verdicts)
+    assert one.report().is_identical
+    assert one.obstacles.tethers == obstacles.tethers
 
 
 def test_late_data_are_replayed_to_the_bit(tmp_path):

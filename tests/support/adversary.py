@@ -377,8 +377,12 @@ class Hunt:
             )
         else:
             harm.pace.fill(np.inf)
+        return self._attack_all(times, count)
+
+    def _attack_all(self, times, count):
+        """The same of an arm whose motion is traced."""
         lacks, _, _, tried, gentle, pace = attackers.attack_all(
-            self.arm, self.balls, self.traced, times, count, harm
+            self.arm, self.balls, self.traced, times, count, self.harm
         )
         return lacks, tried, gentle, pace
 
@@ -490,10 +494,7 @@ class Hunt:
                 self.q, self.v, self.push, self.limits, self.pace, self.care, self.step
             )
         true_arm.place_leaves(self.arm, self.q, *self.room)
-        attackers.steer_balls(
-            self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
-            until, between, self.home, self.random,
-        )  # fmt: skip
+        self._steer(looked, until, between)
         touching, hurt, gentle = attackers.count_touching(self.arm, self.balls, self.room, self.v)
         if touching:
             score = self.score
@@ -504,6 +505,12 @@ class Hunt:
                 closest=max(score.closest, gentle),
                 touches=score.touches + int(not moving),
             )
+
+    def _steer(self, looked, until, between):
+        attackers.steer_balls(
+            self.arm, self.balls, self.room[2], self.before, self.step, self.stopped, looked,
+            until, between, self.home, self.random,
+        )  # fmt: skip
 
     def run(self, pair_ticks):
         """Go on until so many pair-ticks have been watched in all."""

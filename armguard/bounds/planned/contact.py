@@ -34,9 +34,11 @@ from armguard.contact.bodies import Bounds, Hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.partners import ALONE, NO_PARTNER, find_partner
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
 from armguard.obstacles.regions import ContactLimit, RegionLimits, strictest_limit
 from armguard.obstacles.table import Marks, States
+from armguard.obstacles.tethers import Tethers
 
 NONE = -1
 """In place of a pair's or a sphere's number, where none decides."""
@@ -74,17 +76,24 @@ class Surroundings(NamedTuple):
     """Which of those may be true."""
     limits: RegionLimits
     """What contact is permitted."""
+    tethers: Tethers
+    """Between obstacles."""
     harmless_from: IntArray
     """Room to work in: the slab from which on each sphere is harmless to the obstacle at hand, as
     far as that was asked. Shape (n,)."""
 
 
 def make_surroundings(
-    arm: ArmShape, bodies: States, refused_bodies: States, marks: Marks, limits: RegionLimits
+    arm: ArmShape,
+    bodies: States,
+    refused_bodies: States,
+    marks: Marks,
+    limits: RegionLimits,
+    tethers: Tethers,
 ) -> Surroundings:
     """An arm among obstacles."""
     room = np.zeros(len(arm.carrier), dtype=np.int64)
-    return Surroundings(arm, bodies, refused_bodies, marks, limits, room)
+    return Surroundings(arm, bodies, refused_bodies, marks, limits, tethers, room)
 
 
 class Body(NamedTuple):
@@ -96,8 +105,8 @@ class Body(NamedTuple):
 
 
 @merged_kernel
-def _make_body(states: States, row: int, age: float, margin: float) -> Body:
-    radius, error = states.radius[row], states.position_error[row]
+def _make_body(states: States, row: int, radius: float, age: float, margin: float) -> Body:
+    error = states.position_error[row]
     makes_sense = radius >= 0.0 and error >= 0.0 and margin >= 0.0
     bounds = Bounds(states.accel[row], states.speed[row], states.velocity_error[row], age)
     hull = Hull(states.points[row], states.velocities[row], states.point_count[row], bounds)
@@ -266,6 +275,7 @@ def find_planned_contact(
         handle.content.marks,
     )
     limits, harmless_from = handle.content.limits, handle.content.harmless_from
+    tethers = handle.content.tethers
     permitted = strictest_limit(limits, 0)
     links = arm.tree.root.shape[0]
     slabs = course.start.shape[0]
@@ -281,6 +291,7 @@ def find_planned_contact(
     evaluated = 0
     seen = NONE
     away = False
+    partner = ALONE
     deciding_pair = NONE
     deciding_sphere = NONE
     permitted_speed, permitted_pair = 0.0, NONE
@@ -299,11 +310,21 @@ def find_planned_contact(
             away = True
             for number in possible_states(marks, row):
                 states, place, age = state_at(bodies, refused, marks, row, number, now)
-                body = _make_body(states, place, age, margin)
+                body = _make_body(states, place, states.radius[place], age, margin)
                 if not is_usable(body.hull, body.reach):
                     return 0.0, pairs[index], NONE, evaluated, 0.0, NONE
                 away &= _is_ball_free(course.arm_ball, body, age, age + left)
             evaluated += 1
+            partner = ALONE
+            if not away:
+                partner = find_partner(
+                    tethers, bodies, refused, marks, row, now, left, course.arm_ball
+                )
+            if partner.row != NO_PARTNER:
+                age = now - bodies.stamp[partner.row]
+                body = _make_body(bodies, partner.row, partner.radius, age, margin)
+                away = _is_ball_free(course.arm_ball, body, age, age + left)
+                evaluated += 1
             if permitted.max_speed > 0.0 and not away:
                 # Nothing is known yet to be harmless to this one.
                 harmless_from[:] = slabs
@@ -312,12 +333,23 @@ def find_planned_contact(
         # Each of its states that may be true: slab by slab, up to the first contact so far.
         for number in possible_states(marks, row):
             states, place, age = state_at(bodies, refused, marks, row, number, now)
-            body = _make_body(states, place, age, margin)
+            body = _make_body(states, place, states.radius[place], age, margin)
             slab, sphere, spent, speed = _find_contact(
                 link, first, limit, offset, course, arm, body, permitted, obstacle_speeds[index],
                 harmless_from,
             )  # fmt: skip
             evaluated += spent
+            if slab < limit and partner.row != NO_PARTNER:
+                # As far as one of both states proves it, it is so.
+                age = now - bodies.stamp[partner.row]
+                body = _make_body(bodies, partner.row, partner.radius, age, margin)
+                later, node, spent, other = _find_contact(
+                    link, first, limit, offset, course, arm, body, permitted,
+                    obstacle_speeds[index], harmless_from,
+                )  # fmt: skip
+                evaluated += spent
+                if later > slab:
+                    slab, sphere, speed = later, node, max(speed, other)
             if speed > permitted_speed:
                 permitted_speed, permitted_pair = speed, pairs[index]
             if slab < limit:

@@ -38,6 +38,7 @@ from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import Marks, States
+from armguard.obstacles.tethers import Tethers, make_tethers
 from armguard.robot.brakes import BrakeCurves
 from armguard.robot.joints import is_prismatic
 from armguard.robot.kinematics import Kinematics
@@ -91,6 +92,7 @@ class PlannedMotion:
             gaps=make_no_gaps() if gaps is None else gaps,
         )
         self._no_limits = make_no_limits()
+        self._no_tethers = make_tethers(0, 0)
         self._still = np.zeros(len(robot.joints))
         self._placed_arm = pack(PlacedArm(make_chain(self._kinematics), self._arm))
         check_chain(self._placed_arm, self._kinematics)
@@ -207,6 +209,7 @@ class PlannedMotion:
         marks: Marks,
         limits: RegionLimits | None = None,
         obstacle_speeds: float | FloatArray = -1.0,
+        tethers: Tethers | None = None,
     ) -> PlannedContact:
         """Earliest possible contact on a course; inf if there is none before the arm rests.
 
@@ -227,11 +230,13 @@ class PlannedMotion:
                 the obstacle against, in [m]/[s]: contact is permitted only once the way left is
                 short enough as well. Negative where there is nothing but the arm's own links.
                 Shape (m,) or ().
+            tethers: Between the obstacles; None: none.
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
         # What is compiled for whole numbers would cut off all others that come later.
         now, margin = float(now), float(margin)
         limits = self._no_limits if limits is None else limits
+        tethers = self._no_tethers if tethers is None else tethers
         speeds = np.empty(len(pairs))
         speeds[:] = obstacle_speeds
         around, handle, find_contact = self._surroundings
@@ -240,9 +245,10 @@ class PlannedMotion:
             and around.refused_bodies is refused_bodies
             and around.marks is marks
             and around.limits is limits
+            and around.tethers is tethers
         ):
             # Of a monitor these are the same arrays in every tick, but for a table that has grown.
-            around = make_surroundings(self._arm, bodies, refused_bodies, marks, limits)
+            around = make_surroundings(self._arm, bodies, refused_bodies, marks, limits, tethers)
             handle = pack(around)
             given = handle, course, pairs, speeds, now, margin
             find_contact = machine_code(find_planned_contact, *given)

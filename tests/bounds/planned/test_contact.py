@@ -10,6 +10,7 @@ from armguard.bounds.planned.harmless import NO_SPEEDS
 from armguard.jit.handle import pack
 from armguard.obstacles import Obstacles
 from armguard.obstacles.regions import make_no_limits
+from armguard.obstacles.tethers import make_tethers
 from armguard.robot.kinematics import SphereTree
 from support.example_arms import load_holding
 from support.plan_cases import all_pairs, place_course
@@ -97,7 +98,12 @@ def test_what_a_sphere_is_off_and_all_errors_count_in_full(share):
                 )  # fmt: skip
                 table = rest.table
                 around = make_surroundings(
-                    arm, table.accepted, table.refused_states, table.marks, make_no_limits()
+                    arm,
+                    table.accepted,
+                    table.refused_states,
+                    table.marks,
+                    make_no_limits(),
+                    make_tethers(0, 0),
                 )
                 given = course, all_pairs(rest, 1), np.zeros(1, bool), NOW, parts["margin"]
                 time, *_ = find_planned_contact(pack(around), *given)

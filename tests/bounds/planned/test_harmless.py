@@ -23,6 +23,7 @@ from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles import Obstacles
 from armguard.obstacles.regions import ContactLimit, RegionLimits, make_no_limits
+from armguard.obstacles.tethers import make_tethers
 from armguard.settings.contact_limits import ContactLimits
 from support.example_arms import load_holding
 from support.hostile_joints import STEP, chain_to, place_point, set_slopes
@@ -81,7 +82,12 @@ def pack_around(motion, obstacles=None):
     table = (obstacles or Obstacles()).table
     return pack(
         make_surroundings(
-            motion._arm, table.accepted, table.refused_states, table.marks, make_no_limits()
+            motion._arm,
+            table.accepted,
+            table.refused_states,
+            table.marks,
+            make_no_limits(),
+            make_tethers(0, 0),
         )
     )
 
