@@ -56,9 +56,9 @@ SEGMENTS: Mapping[str, Segment] = MappingProxyType(
         "neck": Segment(0.376, 0.2122, False),
         # Biacromial breadth: between the outer ends of both shoulders.
         "shoulders": Segment(0.493, 0.2763, False),
-        # From a shoulder to the hip below it: acromion to trochanterion, and 0.1 m that a shoulder
-        # rises (assumed).
-        "trunk": Segment(0.774, 0.4239, False),
+        # From a shoulder to the hip below it: acromion to trochanterion, and 0.15 m by which a
+        # shoulder rises and a side stretches (assumed).
+        "trunk": Segment(0.824, 0.4615, False),
         # Between the hips: bicristal breadth, which is more than between their joints.
         "hips": Segment(0.363, 0.2187, False),
     }
@@ -89,9 +89,10 @@ def _from_girth(girth: float, name: str) -> Thickness:
 
 THICKNESSES: Mapping[str, Thickness] = MappingProxyType(
     {
-        # Between the ears: up to the crown 0.156 m, to the chin less than the arc of 0.19 m over it
-        # from ear to ear, half a head's breadth of 0.088 m aside: 0.172 m. Clothes are a helmet.
-        "head": Thickness(0.172, 0.05, "tragion to top of head, bitragion chin arc, head breadth"),
+        # Between the ears: up to the crown 0.156 m. To the chin less than half of the arc over it
+        # from ear to ear, 0.194 m, which begins half a breadth aside, in narrow heads 0.066 m:
+        # 0.183 m. Clothes are a helmet.
+        "head": Thickness(0.183, 0.05, "tragion to top of head, bitragion chin arc, head breadth"),
         "neck": _from_girth(0.501, "neck circumference"),
         # A belly of 0.404 m from back to front, of which less than 0.15 m are behind the hips, and
         # the shoulders' flesh of 0.094 m with 0.03 m from acromion to joint, which is less.
@@ -100,7 +101,7 @@ THICKNESSES: Mapping[str, Thickness] = MappingProxyType(
         "upper_arm": _from_girth(0.497, "biceps circumference, flexed"),
         "forearm": _from_girth(0.399, "forearm circumference, flexed"),
         # From between the knuckles to the farthest fingertip: hand length less palm length, 0.102
-        # m, and half a hand's breadth of 0.053 m aside.
+        # m, and half a hand's breadth of 0.053 m aside. The thumb reaches no farther (assumed).
         "hand": Thickness(0.116, 0.01, "hand length less palm length, hand breadth"),
         "thigh": _from_girth(0.860, "thigh circumference"),
         "shank": _from_girth(0.512, "calf circumference"),

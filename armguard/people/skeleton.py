@@ -374,32 +374,28 @@ class Skeleton:
         """Velocity from past samples of a part, in [m/s], with a proved error.
 
         The mean velocity over the last h seconds differs from the present one by at most A h / 2,
-        and its two ends may be off by their errors. The h counts whose error is least. Where that
-        is no better than the bound on speed, or where the body broke that bound, nothing is known:
-        velocity 0, with the bound as error.
+        and its two ends may be off by their errors. The h counts whose error is least. A sample
+        that bounds and errors do not allow after those before it, as a swapped joint is, ends what
+        they tell. Where nothing is known the velocity is 0, with the bound on speed as error.
         """
         sights = self._sights[name]
+        best: tuple[Array | float, float] = 0.0, bound.speed
         if sight is None:
-            return 0.0, bound.speed
+            return best
         if sights and not (0.0 < sight.stamp - sights[-1].stamp <= LONGEST_GAP):
             sights.clear()
-        best: Array | float = 0.0
-        least = bound.speed
-        for past in sights:
+        if not _allows(sights, sight, bound):
+            sights.clear()
+        # One sample before proves nothing: it may be the one that jumped. Two have agreed with this.
+        for past in sights if len(sights) > 1 else ():
             elapsed = sight.stamp - past.stamp
-            off = (sight.error + past.error) / elapsed
+            error = 0.5 * bound.accel * elapsed + (sight.error + past.error) / elapsed
             mean = (sight.points - past.points) / elapsed
             fastest = float(np.linalg.norm(mean, axis=-1).max())
-            if not (fastest <= bound.speed + off):
-                # A jump: what was seen before it tells nothing of now.
-                sights.clear()
-                best, least = 0.0, bound.speed
-                break
-            error = 0.5 * bound.accel * elapsed + off
-            if error < least and fastest <= bound.speed + error:
-                best, least = mean, error
+            if error < best[1] and fastest <= bound.speed + error:
+                best = mean, error
         sights.append(sight)
-        return best, least
+        return best
 
     def _publish_length(self, bone: tuple[str, str]) -> float:
         segment = SEGMENTS[BONES[bone]]
@@ -516,6 +512,27 @@ _TETHERS = (
 """Parts that are tethered, no part to more than four others."""
 
 
+def _allows(sights: deque[_Sight], sight: _Sight, bound: PartBounds) -> bool:
+    """Whether a sample can come after those before it, within bounds and errors.
+
+    Of three samples in a row, h1 and h2 apart, with r = h2 / h1: |x2 - x1 - r (x1 - x0)| is at most
+    A h2 (h1 + h2) / 2 and the errors, as they count there.
+    """
+    for past in sights:
+        way = float(np.linalg.norm(sight.points - past.points, axis=-1).max())
+        if not way <= bound.speed * (sight.stamp - past.stamp) + sight.error + past.error:
+            return False
+    if len(sights) < 2:
+        return True
+    before, last = sights[-2], sights[-1]
+    earlier, later = last.stamp - before.stamp, sight.stamp - last.stamp
+    ratio = later / earlier
+    bend = sight.points - last.points - ratio * (last.points - before.points)
+    errors = sight.error + (1.0 + ratio) * last.error + ratio * before.error
+    room = 0.5 * bound.accel * later * (earlier + later) + errors
+    return float(np.linalg.norm(bend, axis=-1).max()) <= room
+
+
 def find_points(joints: Mapping[str, ArrayLike], position_error: float) -> dict[str, Ball]:
     """Where the points are that parts are made of, as far as joints were seen that tell of them.
 
@@ -545,8 +562,8 @@ def find_points(joints: Mapping[str, ArrayLike], position_error: float) -> dict[
             names = [f"{side}_{end}" for end in ends]
             if _add_mean(found, f"{side}_knuckles", seen, names, off + position_error):
                 break
-    for names, off in _HEAD:
-        if _add_mean(found, "head", seen, names, off + position_error):
+    for joints_of_head, off in _HEAD:
+        if _add_mean(found, "head", seen, joints_of_head, off + position_error):
             break
     shoulders = [f"{side}_shoulder" for side in _SIDES]
     if not _add_mean(found, "collar", seen, shoulders, position_error):
@@ -558,10 +575,10 @@ def _add_mean(
     found: dict[str, Ball], name: str, seen: Mapping[str, Array], joints: Iterable[str], off: float
 ) -> bool:
     """Add the middle of some joints, if all of them were seen."""
-    joints = list(joints)
-    if not all(joint in seen for joint in joints):
+    names = list(joints)
+    if not all(joint in seen for joint in names):
         return False
-    found[name] = Ball(np.mean([seen[joint] for joint in joints], axis=0), off)
+    found[name] = Ball(np.mean([seen[joint] for joint in names], axis=0), off)
     return True
 
 

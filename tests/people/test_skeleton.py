@@ -230,9 +230,34 @@ def test_a_jump_ends_what_is_known_of_the_velocity():
     speed = BOUNDS["head"].speed
     assert errors[0] == speed
     assert errors[14] < speed
-    assert errors[15] == speed
+    assert errors[15] == errors[16] == speed
     assert errors[19] < speed
     assert all(np.linalg.norm(arguments[1]) < 0.5 for _, _, arguments, _ in sink.calls)
+
+
+def test_one_wrong_sample_makes_no_later_velocity_wrong():
+    """One sample jumps, far or near: what comes after it must not count with its way back."""
+    rng = np.random.default_rng(8)
+    wrong = 0
+    for trial in range(60):
+        person = WalkingPerson(trial)
+        skeleton, sink = Skeleton(parts=["left_hand"]), Sink()
+        jump = rng.normal(size=3)
+        jump *= rng.uniform(0.05, 0.2) / np.linalg.norm(jump)
+        for step in range(25):
+            time = step / RATE
+            truth = person.locate(time)
+            joints = measure(truth, ["left_wrist", "left_index", "left_pinky"], rng)
+            if step == 12:
+                joints = {name: at + jump for name, at in joints.items()}
+            skeleton.update(sink, time, joints, ERROR)
+            before, after = person.locate(time - 1e-5), person.locate(time + 1e-5)
+            *_, (_, velocities), options = sink.calls[-1]
+            true = [(after[at] - before[at]) / 2e-5 for at in PARTS["left_hand"].points]
+            off = np.linalg.norm(velocities[0] - true, axis=1).max()
+            if step != 12:
+                wrong += off > options["velocity_error"][0] + 1e-6
+    assert wrong == 0
 
 
 def learn(skeleton, obstacles, person, steps, start=0, change=None):

@@ -154,7 +154,7 @@ def _draw_tables(found: Findings) -> list[Table]:
         cells = (100.0 * broken, 1e3 * jitter, 100.0 * hidden.share)
         times = [_show_whole(1e3 * value) for value in hidden[2:5]]
         bounds = f"{bound.accel:g}, {bound.speed:g}"
-        parts.append([part, bounds, *map(_show, cells), str(hidden.count), *times])
+        parts.append([part, bounds, *map(_show, cells), str(hidden.times), *times])
     heads = ("part", "bounds", "broken", "jitter", "hidden", "times", "p50", "p99", "longest")
     caption = (
         "Bounds in m/s² and m/s; broken and hidden in % of samples; jitter in mm. "
@@ -166,9 +166,9 @@ def _draw_tables(found: Findings) -> list[Table]:
         lengths = [f"{value:.3f}" for value in (one.stated, one.median, one.p999)]
         bones.append([name, *lengths, _show(1e3 * one.placement), _show(100.0 * one.broken)])
     if bones:
-        heads = ("bone", "at most", "median", "p99.9", "placement", "too long")
         caption = "Lengths in m, placement in mm, too long in %."
-        tables.append(make_table(heads, bones, caption=caption))
+        columns = ("bone", "at most", "median", "p99.9", "placement", "too long")
+        tables.append(make_table(columns, bones, caption=caption))
     return tables
 
 

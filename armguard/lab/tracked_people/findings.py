@@ -73,8 +73,8 @@ class Hidden(NamedTuple):
 
     share: float
     """Of samples since a joint was first seen; NaN where none was."""
-    count: int
-    """Times that a joint was hidden."""
+    times: int
+    """That a joint was hidden."""
     median: float
     """How long, in [s]; NaN where none was."""
     p99: float
@@ -230,8 +230,8 @@ def _find_hidden(recordings: Iterable[Tracked]) -> dict[str, Hidden]:
                 for column in columns:
                     joint = track.joints[column]
                     known[part].add(joint)
-                    is_seen = np.isfinite(track.position[:, column]).all(axis=1)
-                    at = np.flatnonzero(is_seen)
+                    is_seen = np.all(np.isfinite(track.position[:, column]), axis=1, keepdims=False)
+                    at = np.flatnonzero(is_seen).astype(np.float64)
                     if not len(at):
                         continue
                     shown[part].add(joint)

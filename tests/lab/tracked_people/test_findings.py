@@ -85,14 +85,14 @@ def test_hidden_joints_are_counted_with_how_long_they_were():
 
     found = measure_people([record(change=hide)])
     hidden = found.hidden["hand"]
-    assert hidden.count == 4
+    assert hidden.times == 4
     assert (hidden.median, hidden.longest) == pytest.approx((7.5 / RATE, 30 / RATE))
     assert 9 / RATE < hidden.p99 <= 30 / RATE
     hands = [name for name in record().tracks[0].joints if find_part(name) == "hand"]
     assert hidden.share == pytest.approx(48 / (len(hands) * STEPS - 50))
     assert hidden.never == ()
     assert found.hidden["foot"].never == ("right_ankle",)
-    assert found.hidden["head"].count == 0
+    assert found.hidden["head"].times == 0
     assert math.isnan(found.hidden["head"].longest)
 
 
@@ -116,4 +116,4 @@ def test_frames_that_are_too_rare_say_nothing_of_bounds():
     found = measure_people([record(0.005, rate=15.0)])
     assert (found.bounds, found.proposed, found.jitter) == ({}, {}, {})
     assert found.proposed_error > 0.005
-    assert found.hidden["hand"].count == 0
+    assert found.hidden["hand"].times == 0
