@@ -386,7 +386,7 @@ class Skeleton:
             sights.clear()
         if not _allows(sights, sight, bound):
             sights.clear()
-        # One sample before proves nothing: it may be the one that jumped. Two have agreed with this.
+        # One sample before proves nothing: it may be the one that jumped. Two have agreed.
         for past in sights if len(sights) > 1 else ():
             elapsed = sight.stamp - past.stamp
             error = 0.5 * bound.accel * elapsed + (sight.error + past.error) / elapsed

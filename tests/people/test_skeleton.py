@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import armguard
 from armguard.body_regions import REGIONS
 from armguard.bridges.skeletons import MODELS
 from armguard.exceptions import ArmguardError
@@ -17,6 +18,7 @@ from support.walking_person import WalkingPerson
 
 ERROR = 0.02
 RATE = 30.0
+READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 LENGTHS = {bone: SEGMENTS[segment].length for bone, segment in BONES.items()}
 KITS = [model for kit in ("openpose", "kinect", "mediapipe", "zed") for model in MODELS[kit][-1:]]
 KITS.append(MODELS["openpose"][0])
@@ -307,6 +309,30 @@ def test_faults_begin_learning_anew():
     assert obstacles.fault_count > 0
     learn(skeleton, obstacles, person, int(1.5 * RATE), int(1.5 * RATE) + 1)
     assert not any("learned" in one.source for one in skeleton.tethers)
+
+
+def test_an_arm_that_is_hidden_beside_a_seen_shoulder_stops_nothing_far_away():
+    """Elbow and wrist are hidden for 3 s, 2.5 m from the robot: tethers bound what is not sent."""
+    robot = armguard.Robot.load("panda")
+    joints = {f"{side}_shoulder": [2.5, y, 1.4] for side, y in (("left", 0.2), ("right", -0.2))}
+    joints |= {f"{side}_ear": [2.5, y, 1.7] for side, y in (("left", 0.07), ("right", -0.07))}
+    joints |= {f"{side}_hip": [2.5, y, 0.9] for side, y in (("left", 0.1), ("right", -0.1))}
+    arm = {"left_elbow": [2.5, 0.3, 1.1], "left_wrist": [2.4, 0.3, 0.9]}
+    levels = {}
+    for is_tethered in (True, False):
+        obstacles = Obstacles()
+        monitor = armguard.Monitor(robot, obstacles, rate=100.0)
+        skeleton = Skeleton(parts=UPPER_BODY)
+        for step in range(90):
+            time = step / RATE
+            skeleton.update(obstacles, time, joints | (arm if step < 5 else {}), 0.01)
+            if not is_tethered and step == 0:
+                for one in skeleton.tethers:
+                    obstacles.untether(one.a, one.b)
+            verdict = monitor.step(time, READY, [0.0] * 7)
+        levels[is_tethered] = verdict.level
+    assert levels[True] > armguard.Level.STOP
+    assert levels[False] == armguard.Level.STOP
 
 
 def test_the_parts_that_are_named_are_sent_alone():
