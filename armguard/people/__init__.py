@@ -15,16 +15,19 @@ from typing import TYPE_CHECKING
 
 from armguard.lazy import lazy_names
 from armguard.people.body_parts import BOUNDS, PATTERNS, PartBounds, find_bounds, list_bounds
-from armguard.people.skeleton import UPPER_BODY, Skeleton, Tethered
 
 if TYPE_CHECKING:
     from armguard.lab.people import BoundReport, Motion, check_bounds, measure_motion
+    from armguard.people.skeleton import UPPER_BODY, Skeleton, Tethered
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
             "BoundReport": "armguard.lab.people",
             "Motion": "armguard.lab.people",
+            "Skeleton": "armguard.people.skeleton",
+            "Tethered": "armguard.people.skeleton",
+            "UPPER_BODY": "armguard.people.skeleton",
             "check_bounds": "armguard.lab.people",
             "measure_motion": "armguard.lab.people",
         },

@@ -48,7 +48,7 @@ SEGMENTS: Mapping[str, Segment] = MappingProxyType(
         # inside, by amounts that differ by less than 0.05 m, which adds less than 3 mm.
         "thigh": Segment(0.526, 0.2833, True),
         # Lateral epicondyle to lateral malleolus.
-        "shank": Segment(0.517, 0.2904, True),
+        "shank": Segment(0.518, 0.2904, True),
         # Foot length, which is longer than from the ankle to the toes.
         "foot": Segment(0.324, 0.1755, True),
         # From the top of the head to the breastbone, which is longer than from between the ears to

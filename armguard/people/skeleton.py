@@ -41,7 +41,7 @@ LEARNING_TIME = 2.0
 LONGEST_GAP = 0.2
 """Samples farther apart than this, in [s], belong to different times of learning and moving."""
 
-HISTORY = 16
+HISTORY = 12
 """Samples of each part that are kept for velocities."""
 
 ROUNDING = 1e-9
@@ -205,7 +205,7 @@ class Skeleton:
             at least. Tethers then say "learned". Only where the table itself is fed.
         parts: Names of `PARTS` that are sent, where not all can come near the arm. None: all.
         bounds: Acceleration and speed by part of the body.
-        source: Name of the source.
+        source: Name of the source in the table; a publisher has its own.
         frame: In which frame joints are told.
 
     Raises:
@@ -323,7 +323,7 @@ class Skeleton:
         faults = 0 if table is None else table.fault_count
         self._send(sink, stamp, seen, places)
         if table is not None and self._learn:
-            self._learn_lengths(stamp, seen, position_error, table.fault_count > faults)
+            self._learn_lengths(stamp, seen, table.fault_count > faults)
 
     def _name(self, part: str) -> str:
         return f"{self.person}/{part}"
@@ -339,9 +339,10 @@ class Skeleton:
             ):
                 key = len(part.points), part.region is None
                 groups.setdefault(key, []).append(name)
+        # A publisher has the name of its source already.
+        named = {"source": self._source} if isinstance(sink, Obstacles) else {}
         if not groups:
-            empty = np.empty((0, 3))
-            sink.update([], stamp, empty, radius=np.empty(0), source=self._source)
+            sink.update([], stamp, np.empty((0, 3)), radius=np.empty(0), **named)
             return
         for (_, by_pattern), names in groups.items():
             parts = [self._parts[name] for name in names]
@@ -363,9 +364,9 @@ class Skeleton:
                 speed=np.array([bound.speed for bound in bounds]),
                 position_error=np.array(errors),
                 velocity_error=velocity_error,
-                source=self._source,
                 frame=self._frame,
                 region=None if by_pattern else [str(part.region) for part in parts],
+                **named,
             )
 
     def _estimate_velocity(
@@ -378,24 +379,33 @@ class Skeleton:
         that bounds and errors do not allow after those before it, as a swapped joint is, ends what
         they tell. Where nothing is known the velocity is 0, with the bound on speed as error.
         """
-        sights = self._sights[name]
-        best: tuple[Array | float, float] = 0.0, bound.speed
+        unknown = 0.0, bound.speed
         if sight is None:
-            return best
+            return unknown
+        sights = self._sights[name]
         if sights and not (0.0 < sight.stamp - sights[-1].stamp <= LONGEST_GAP):
             sights.clear()
-        if not _allows(sights, sight, bound):
-            sights.clear()
+        elapsed = sight.stamp - np.array([past.stamp for past in sights])
+        off = (sight.error + np.array([past.error for past in sights])) / elapsed
+        way = sight.points - np.array([past.points for past in sights]).reshape(
+            -1, *sight.points.shape
+        )
+        means = way / elapsed[:, None, None]
+        fastest = np.linalg.norm(means, axis=2).max(axis=1, initial=0.0)
+        is_allowed = bool((fastest <= bound.speed + off).all()) and _bends_within(
+            sights, sight, bound.accel
+        )
         # One sample before proves nothing: it may be the one that jumped. Two have agreed.
-        for past in sights if len(sights) > 1 else ():
-            elapsed = sight.stamp - past.stamp
-            error = 0.5 * bound.accel * elapsed + (sight.error + past.error) / elapsed
-            mean = (sight.points - past.points) / elapsed
-            fastest = float(np.linalg.norm(mean, axis=-1).max())
-            if error < best[1] and fastest <= bound.speed + error:
-                best = mean, error
+        is_known = is_allowed and len(sights) > 1
+        if not is_allowed:
+            sights.clear()
         sights.append(sight)
-        return best
+        if not is_known:
+            return unknown
+        errors = 0.5 * bound.accel * elapsed + off
+        errors[~(fastest <= bound.speed + errors)] = math.inf
+        best = int(np.argmin(errors))
+        return (means[best], float(errors[best])) if errors[best] < bound.speed else unknown
 
     def _publish_length(self, bone: tuple[str, str]) -> float:
         segment = SEGMENTS[BONES[bone]]
@@ -426,10 +436,10 @@ class Skeleton:
         ways: dict[str, tuple[float, set[tuple[str, str]]]] = {start: (0.0, set())}
         # The collar is no joint: it is in the middle between the shoulders.
         half = 0.5 * self._lengths[("left_shoulder", "right_shoulder")]
-        for _ in PARTS:
+        across = ("left_shoulder", "right_shoulder")
+        for _ in BONES:  # of which no way has more than there are
             for point, (way, walked) in list(ways.items()):
                 steps = [(other, self._lengths[bone], bone) for other, bone in _NEIGHBOURS[point]]
-                across = ("left_shoulder", "right_shoulder")
                 if point == "collar":
                     steps += [(shoulder, half, across) for shoulder in across]
                 if point in across:
@@ -450,9 +460,7 @@ class Skeleton:
         self._lengths[bone] = length
         self._stated_to = None
 
-    def _learn_lengths(
-        self, stamp: float, seen: Mapping[str, Ball], position_error: float, failed: bool
-    ) -> None:
+    def _learn_lengths(self, stamp: float, seen: Mapping[str, Ball], failed: bool) -> None:
         """Learn bones from samples without a fault; forget what a sample contradicts.
 
         Both ends are off by their errors at the most, so a bone is no longer than what any sample
@@ -512,16 +520,12 @@ _TETHERS = (
 """Parts that are tethered, no part to more than four others."""
 
 
-def _allows(sights: deque[_Sight], sight: _Sight, bound: PartBounds) -> bool:
-    """Whether a sample can come after those before it, within bounds and errors.
+def _bends_within(sights: deque[_Sight], sight: _Sight, accel: float) -> bool:
+    """Whether a sample can come after the two before it, within a bound on acceleration and errors.
 
-    Of three samples in a row, h1 and h2 apart, with r = h2 / h1: |x2 - x1 - r (x1 - x0)| is at most
+    With h1 and h2 between the three and r = h2 / h1: |x2 - x1 - r (x1 - x0)| is at most
     A h2 (h1 + h2) / 2 and the errors, as they count there.
     """
-    for past in sights:
-        way = float(np.linalg.norm(sight.points - past.points, axis=-1).max())
-        if not way <= bound.speed * (sight.stamp - past.stamp) + sight.error + past.error:
-            return False
     if len(sights) < 2:
         return True
     before, last = sights[-2], sights[-1]
@@ -529,7 +533,7 @@ def _allows(sights: deque[_Sight], sight: _Sight, bound: PartBounds) -> bool:
     ratio = later / earlier
     bend = sight.points - last.points - ratio * (last.points - before.points)
     errors = sight.error + (1.0 + ratio) * last.error + ratio * before.error
-    room = 0.5 * bound.accel * later * (earlier + later) + errors
+    room = 0.5 * accel * later * (earlier + later) + errors
     return float(np.linalg.norm(bend, axis=-1).max()) <= room
 
 
@@ -541,14 +545,17 @@ def find_points(joints: Mapping[str, ArrayLike], position_error: float) -> dict[
         position_error: Of each joint, in [m].
 
     Raises:
-        ArmguardError: A position has another shape.
+        ArmguardError: A position is no point.
     """
     seen: dict[str, Array] = {}
     for name, position in joints.items():
-        point = np.asarray(position, dtype=np.float64)
+        try:
+            point = np.asarray(position, dtype=np.float64)
+        except (TypeError, ValueError):
+            point = np.empty(0)
         if point.shape != (3,):
             raise ArmguardError(
-                f"joint {name!r}", f"has shape {point.shape}", expected="(3,): x, y and z"
+                f"joint {name!r}", "is no point", expected="x, y and z, in [m]: shape (3,)"
             )
         if np.isfinite(point).all():
             seen[name] = point

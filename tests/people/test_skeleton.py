@@ -1,10 +1,13 @@
 import math
 import re
+import time
 from collections import Counter
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+import zmq
 
 import armguard
 from armguard.body_regions import REGIONS
@@ -14,6 +17,7 @@ from armguard.obstacles import Obstacles
 from armguard.people import BOUNDS, UPPER_BODY, Skeleton
 from armguard.people.proportions import SEGMENTS, THICKNESSES
 from armguard.people.skeleton import BONES, PARTS, Ball, find_points, infer_points
+from armguard.streams import Publisher
 from support.walking_person import WalkingPerson
 
 ERROR = 0.02
@@ -177,10 +181,33 @@ def test_a_part_is_sent_with_the_end_that_is_seen_and_not_without():
 
 
 def test_nobody_is_a_heartbeat():
-    sink = Sink()
-    Skeleton(source="camera").update(sink, 2.0, {"nose": [math.nan, 0.0, 0.0]}, ERROR)
-    ((ids, stamp, _, options),) = sink.calls
-    assert (ids, stamp, options["source"]) == ([], 2.0, "camera")
+    sink, obstacles = Sink(), Obstacles(sources=["camera"])
+    for one in (sink, obstacles):
+        Skeleton(source="camera").update(one, 2.0, {"nose": [math.nan, 0.0, 0.0]}, ERROR)
+    ((ids, stamp, *_),) = sink.calls
+    assert (ids, stamp) == ([], 2.0)
+    assert obstacles.silent_sources(2.1, 0.2) == []
+    assert obstacles.silent_sources(2.3, 0.2) == ["camera"]
+
+
+def test_a_publisher_sends_what_a_table_takes(tmp_path):
+    address = f"ipc://{tmp_path}/obstacles"
+    person, skeleton = WalkingPerson(1), Skeleton("anna", frame="camera", source="camera")
+    with zmq.Context() as context, Publisher(address, source="camera") as publisher:
+        receiver = context.socket(zmq.SUB)
+        receiver.subscribe(b"")
+        receiver.bind(address)
+        ids = set()
+        deadline = time.monotonic() + 30.0
+        while ids != set(skeleton.ids) and time.monotonic() < deadline:
+            now = time.monotonic()
+            skeleton.update(publisher, now, person.locate(now % 10.0), ERROR)
+            while receiver.poll(50):
+                message = msgspec.msgpack.decode(receiver.recv())
+                ids |= set(message["ids"])
+                assert message["frame"] == "camera"
+        receiver.close()
+    assert ids == set(skeleton.ids)
 
 
 def test_bounds_regions_and_tethers_are_those_of_the_parts():
@@ -379,7 +406,8 @@ def test_the_page_has_the_same_figures():
 def test_calls_that_are_malformed_are_refused_by_name():
     with pytest.raises(ArmguardError, match="position_error: is nan"):
         Skeleton().update(Sink(), 0.0, {}, math.nan)
-    with pytest.raises(ArmguardError, match=r"joint 'nose': has shape \(2,\)"):
-        Skeleton().update(Sink(), 0.0, {"nose": [0.0, 0.0]}, ERROR)
+    for place in ([0.0, 0.0], "here", ["x", 0.0, 0.0], None, [[0.0, 0.0, 0.0]]):
+        with pytest.raises(ArmguardError, match="joint 'nose': is no point"):
+            Skeleton().update(Sink(), 0.0, {"nose": place}, ERROR)
     with pytest.raises(ArmguardError, match="learn: needs the table of obstacles"):
         Skeleton(learn=True).update(Sink(), 0.0, {}, ERROR)
