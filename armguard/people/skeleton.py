@@ -269,15 +269,16 @@ class Skeleton:
     def tethers(self) -> list[Tethered]:
         """Which parts are tethered, with the lengths that count now; for a cell file as well.
 
-        A length bounds the way from every point of one part to the hull of the other's points, in
-        both directions.
+        A length, in whole millimetres, bounds the way from every point of one part to the hull of
+        the other's points, in both directions.
         """
         found = []
         for a, b in _TETHERS:
             if a not in self._parts or b not in self._parts:
                 continue
             bones: set[tuple[str, str]] = set()
-            length = max(self._measure_way(a, b, bones), self._measure_way(b, a, bones))
+            way = max(self._measure_way(a, b, bones), self._measure_way(b, a, bones))
+            length = round(1e-3 * math.ceil(1e3 * way), 3)
             found.append(Tethered(self._name(a), self._name(b), length, self._describe(bones)))
         return found
 

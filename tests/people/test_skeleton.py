@@ -1,6 +1,8 @@
+import json
 import math
 import re
 import time
+import tomllib
 from collections import Counter
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from armguard.people import BOUNDS, UPPER_BODY, Skeleton
 from armguard.people.proportions import SEGMENTS, THICKNESSES
 from armguard.people.skeleton import BONES, PARTS, Ball, find_points, infer_points
 from armguard.streams import Publisher
+from support.kits import write_frame
 from support.walking_person import WalkingPerson
 
 ERROR = 0.02
@@ -401,6 +404,27 @@ def test_the_page_has_the_same_figures():
         learned = "yes" if segment.is_rigid else "no"
         row = f"| {name} | {segment.length:.3f} | {segment.per_height:.4f} | {learned} |"
         assert row in page
+
+
+def test_what_the_page_shows_runs(capsys):
+    page = (Path(__file__).parents[2] / "docs" / "skeletons.md").read_text(encoding="utf-8")
+    snippets = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    obstacles = Obstacles(sources=["camera"])
+    scope = {"obstacles": obstacles}
+    exec(snippets[0], scope)
+    for step in range(3):
+        time = step / RATE
+        bodies = {id: WalkingPerson(id).locate(time) for id in (1, 2)} if step else {}
+        scope["take"](json.dumps(write_frame("zed", time, bodies)), time)
+    scope["take"]("rubbish", 1.0)
+    assert scope["reader"].bad_frames.total() == 1
+    assert len(obstacles) == 2 * len(UPPER_BODY)
+    assert obstacles.take_faults() == []
+    exec(snippets[1], scope)
+    told = tomllib.loads(capsys.readouterr().out)["tethers"]
+    assert {(one["a"], one["b"], one["length"]) for one in told} == {
+        (one.a, one.b, one.length) for one in obstacles.tethers if one.a.startswith("person1/")
+    }
 
 
 def test_calls_that_are_malformed_are_refused_by_name():
