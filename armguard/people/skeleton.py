@@ -326,6 +326,23 @@ class Skeleton:
         if table is not None and self._learn:
             self._learn_lengths(stamp, seen, table.fault_count > faults)
 
+    def remove(self, table: Obstacles) -> None:
+        """Takes a person who has left out of the table, with all tethers.
+
+        No camera says that somebody has left: what it does not see may be hidden. So the
+        application decides, for instance where the person was last seen at a door.
+
+        Args:
+            table: To which the person was sent.
+        """
+        known = set(table.ids)
+        table.remove([id for id in self.ids if id in known])
+        for one in self.tethers:
+            table.untether(one.a, one.b)
+        self._stated_to = None
+        for sights in self._sights.values():
+            sights.clear()
+
     def _name(self, part: str) -> str:
         return f"{self.person}/{part}"
 

@@ -365,6 +365,23 @@ def test_an_arm_that_is_hidden_beside_a_seen_shoulder_stops_nothing_far_away():
     assert levels[False] == armguard.Level.STOP
 
 
+def test_one_who_has_left_leaves_nothing_and_may_come_again():
+    person, obstacles = WalkingPerson(1), Obstacles()
+    skeletons = [Skeleton("anna"), Skeleton("bert", parts=UPPER_BODY)]
+    for one in skeletons:
+        one.update(obstacles, 0.0, {"left_shoulder": [0.0, 0.0, 1.4]}, ERROR)
+    skeletons[0].remove(obstacles)
+    assert not any(id.startswith("anna/") for id in obstacles.ids)
+    assert all(one.a.startswith("bert/") for one in obstacles.tethers)
+    assert obstacles.tethers
+    skeletons[1].remove(obstacles)
+    assert (len(obstacles), obstacles.tethers, obstacles.fault_count) == (0, (), 0)
+    skeletons[0].update(obstacles, 1.0, person.locate(1.0), ERROR)
+    assert len(obstacles) == len(PARTS)
+    assert len(obstacles.tethers) == len(skeletons[0].tethers)
+    assert obstacles.fault_count == 0
+
+
 def test_the_parts_that_are_named_are_sent_alone():
     skeleton, sink = Skeleton(parts=["left_hand", "left_forearm"]), Sink()
     skeleton.update(sink, 0.0, WalkingPerson(0).locate(0.0), ERROR)

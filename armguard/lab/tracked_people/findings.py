@@ -33,7 +33,6 @@ from armguard.people.body_parts import BOUNDS, PartBounds
 from armguard.people.proportions import SEGMENTS
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 EXPLAINED = 99.9
 """So many of 100 samples are explained by a proposed error: as many as keep published bounds."""

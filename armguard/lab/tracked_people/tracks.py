@@ -19,9 +19,15 @@ Array = NDArray[np.float64]
 FEWEST_FRAMES = 10
 """Of a recording that says anything."""
 
+RATES = (1.0, 1000.0)
+"""Frames a second of a camera, in [Hz]: others are stamps in another unit."""
+
+LONGEST_ABSENCE = 10.0
+"""A person who is not seen for longer, in [s], has left; after that a new track begins."""
+
 
 class Track(NamedTuple):
-    """One person, from the first frame with them to the last."""
+    """One person, from the first frame with them to the last before a long absence."""
 
     person: str
     joints: tuple[str, ...]
@@ -92,6 +98,14 @@ def _lay_out(name: str, recording: SkeletonRecording, threshold: float | None) -
             name, f"has {len(stamps)} good frames", expected=f"at least {FEWEST_FRAMES}"
         )
     step = float(np.median(np.diff(stamps)))
+    rate = 1.0 / step
+    if not (RATES[0] <= rate <= RATES[1]):
+        raise ArmguardError(
+            name,
+            f"has {rate:.3g} frames a second",
+            expected=f"{RATES[0]:g} to {RATES[1]:g} Hz",
+            remedy="stamps may be in another unit; --rate says how many there are",
+        )
     places = np.rint((stamps - stamps[0]) / step).astype(int)
     joints: dict[str, tuple[str, ...]] = {}
     seen: dict[str, dict[int, dict[str, Array]]] = {}
@@ -101,14 +115,25 @@ def _lay_out(name: str, recording: SkeletonRecording, threshold: float | None) -
             seen.setdefault(body.person, {})[place] = body.find_seen(threshold)
     tracks = []
     for person, sights in seen.items():
-        first, last = min(sights), max(sights)
         names = joints[person]
         columns = {joint: column for column, joint in enumerate(names)}
-        position = np.full((last - first + 1, len(names), 3), np.nan)
-        for place, found in sights.items():
-            for joint, at in found.items():
-                if joint in columns:
-                    position[place - first, columns[joint]] = at
-        tracks.append(Track(person, names, position))
+        for stay in _split(sorted(sights), LONGEST_ABSENCE * rate):
+            first = stay[0]
+            position = np.full((stay[-1] - first + 1, len(names), 3), np.nan)
+            for place in stay:
+                for joint, at in sights[place].items():
+                    if joint in columns:
+                        position[place - first, columns[joint]] = at
+            tracks.append(Track(person, names, position))
     duration = float(stamps[-1] - stamps[0])
-    return Tracked(name, recording.kit, 1.0 / step, duration, tuple(tracks), recording.bad_frames)
+    return Tracked(name, recording.kit, rate, duration, tuple(tracks), recording.bad_frames)
+
+
+def _split(places: list[int], longest: float) -> list[list[int]]:
+    """Places in order, cut where two neighbours are farther apart than is stated."""
+    stays = [[places[0]]]
+    for place in places[1:]:
+        if place - stays[-1][-1] > longest:
+            stays.append([])
+        stays[-1].append(place)
+    return stays

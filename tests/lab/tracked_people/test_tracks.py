@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.lab.tracked_people.findings import measure_people
 from armguard.lab.tracked_people.tracks import load_tracks
 from support.kits import write_frame
 from support.walking_person import WalkingPerson
@@ -54,6 +55,22 @@ def test_a_person_who_comes_later_has_a_track_of_their_own_time(tmp_path):
     path.write_text(first + "\n" + path.read_text())
     recording = load_tracks(path)
     assert [len(track.position) for track in recording.tracks] == [50, 30]
+
+
+def test_one_who_was_away_for_long_has_two_tracks_and_wild_stamps_take_no_room(tmp_path):
+    path = write_recording(tmp_path / "c.jsonl", [*range(20), *range(400, 420), 10**9])
+    recording = load_tracks(path)
+    assert [len(track.position) for track in recording.tracks] == [20, 20, 1]
+    found = measure_people([recording])
+    assert found.hidden["hand"].times == 0
+    lines = path.read_text().splitlines()
+    for factor, rate in ((1e-6, "3e"), (1e6, "3e-05 frames a second; expected 1 to 1000 Hz")):
+        frames = [json.loads(line) for line in lines[:20]]
+        for frame in frames:
+            frame["stamp"] = factor * 1e-9 * frame["timestamp"]
+        path.write_text("\n".join(map(json.dumps, frames)))
+        with pytest.raises(ArmguardError, match=rate):
+            load_tracks(path)
 
 
 def test_recordings_that_say_nothing_are_refused_by_name(tmp_path):
