@@ -5,7 +5,7 @@
     them there python benchmarks/bench_people.py mine-1.csv mine-2.csv                          #
     people of your own
 
-Reads motion captures as Vicon exports them, at 30 Hz or more. `armguard.lab.people` says
+Reads motion captures as Vicon exports them, at 25 Hz or more. `armguard.lab.people` says
 which samples count and how accelerations are estimated.
 """
 

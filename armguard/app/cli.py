@@ -222,6 +222,47 @@ class Commission:
 
 
 @command
+class People:
+    """Say what recordings of tracked people hold: bounds, hidden joints, errors, lines to paste.
+
+    Reads what OpenPose (--3d), Azure Kinect, MediaPipe and ZED write as JSON, and Vicon's CSV.
+
+    Example: armguard people camera.jsonl --check
+    """
+
+    files: Positional[tuple[Path, ...]] = ()
+    """The recordings, measured together; none: the folder that ARMGUARD_RECORDINGS names."""
+    check: Flag = False
+    """Measure how often bounds break, how long joints are hidden, and what positions are off by."""
+    threshold: float | None = None
+    """Joints of less confidence are hidden; without it, the kit's usual one. 0 takes all."""
+    rate: float | None = None
+    """Frames a second, in Hz, where frames have no stamps."""
+    unit: float | None = None
+    """Of positions, in metres, as 0.001; without it, the kit's usual one."""
+    position_error: float | None = None
+    """What positions are stated to be off by, in metres; without it, what is proposed."""
+    height: float | None = None
+    """Of the people, in metres; without it, bones may be as long as anybody's."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
+
+    def run(self) -> int:
+        """Measure."""
+        from armguard.lab.tracked_people.command import run_people
+
+        return run_people(
+            self.files,
+            check=self.check,
+            threshold=self.threshold,
+            rate=self.rate,
+            unit=self.unit,
+            position_error=self.position_error,
+            height=self.height,
+        )
+
+
+@command
 class Reset:
     """End a latched STOP of a running monitor, once its cause has gone.
 
@@ -570,6 +611,7 @@ GROUPS: dict[str, dict[str, type[Command]]] = {
         "robot": NewRobot,
         "cover": Cover,
         "commission": Commission,
+        "people": People,
         "keys": Keys,
         "kernels": Kernels,
     },

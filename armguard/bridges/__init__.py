@@ -1,6 +1,7 @@
-"""Where armguard meets others: messages of ROS 2, and simulations in MuJoCo.
+"""Where armguard meets others: messages of ROS 2, simulations in MuJoCo, body-tracking kits.
 
-`armguard.bridges.mujoco` needs a package of its own, and is imported by its name.
+`armguard.bridges.mujoco`, which needs a package of its own, and `armguard.bridges.skeletons` are
+imported by their names.
 """
 
 from armguard.bridges.messages import JointStateReader, ObstacleReader

@@ -44,7 +44,7 @@ MARGIN = 0.05
 JUMP_ACCEL = 100.0
 """What no motion that is taken for a jump keeps to, in [m]/[s]²."""
 
-SLOWEST_RATE = 30.0
+SLOWEST_RATE = 25.0
 """Below this, in [Hz], differences are means over so long that they hide what a hand does."""
 
 
@@ -87,7 +87,7 @@ def measure_motion(position: ArrayLike, rate: float, half_window: float = HALF_W
 
     Args:
         position: NaN where a point was not seen, in [m]. Shape (frames, n, 3).
-        rate: Samples a second, in [Hz], at least 30.
+        rate: Samples a second, in [Hz], at least 25.
         half_window: From the middle of each difference to its ends, in [s]; rounded to whole
             samples, one at least.
 

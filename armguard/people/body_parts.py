@@ -1,8 +1,8 @@
 """Bounds on acceleration and speed of the parts of a body, and which obstacle is which part.
 
 They are percentiles of what people did, no proof of what people can do: a blow, a fall or a throw
-at full strength is faster. Where a bound is broken the table says so and counts with what was seen,
-but what was promised until then did not hold.
+at full strength is faster. Those of legs are assumed. Where a bound is broken the table says so and
+counts with what was seen, but what was promised until then did not hold.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class PartBounds(NamedTuple):
     speed: float
     """In [m]/[s]."""
     percentile: float
-    """At least so many of 100 clean samples kept to both."""
+    """At least so many of 100 clean samples kept to both; 0: it is assumed, not measured."""
     source: str
     """Where that was measured."""
 
@@ -37,6 +37,10 @@ class PartBounds(NamedTuple):
 def _bound(accel: float, speed: float) -> PartBounds:
     return PartBounds(accel, speed, 99.9, _SOURCE)
 
+
+_ASSUMED = "assumed: a foot at three times the speed of walking; legs were not tracked"
+_THIGH = PartBounds(30.0, 3.0, 0.0, _ASSUMED)
+_FOOT = PartBounds(60.0, 5.0, 0.0, _ASSUMED)
 
 _ELBOW = _bound(30.0, 2.0)
 _HAND = _bound(41.0, 3.5)
@@ -52,6 +56,9 @@ BOUNDS: Mapping[str, PartBounds] = MappingProxyType(
         # wilder of them.
         "upper_arm": _ELBOW,
         "forearm": _HAND,
+        "thigh": _THIGH,
+        "shank": _FOOT,
+        "foot": _FOOT,
     }
 )
 """Bounds by part. "shoulder" and "elbow" are the joints; limbs have those of their farther end."""
@@ -71,6 +78,12 @@ _NAMES = {
     "forearm": "forearm",
     "wrist": "hand",
     "hand": "hand",
+    "thigh": "thigh",
+    "knee": "shank",
+    "shank": "shank",
+    "lower_leg": "shank",
+    "ankle": "foot",
+    "foot": "foot",
 }
 
 PATTERNS: Mapping[str, str] = MappingProxyType(

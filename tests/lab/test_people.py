@@ -120,7 +120,7 @@ def test_nothing_clean_is_unknown_not_kept():
     ("position", "rate", "half_window", "message"),
     [
         (np.zeros((10, 3)), 100.0, 0.03, r"position: has shape \(10, 3\)"),
-        (np.zeros((10, 1, 3)), 29.0, 0.03, "rate: is 29.0; expected at least 30 Hz"),
+        (np.zeros((10, 1, 3)), 24.0, 0.03, "rate: is 24.0; expected at least 25 Hz"),
         (np.zeros((10, 1, 3)), math.nan, 0.03, "rate: is nan"),
         (np.zeros((10, 1, 3)), math.inf, 0.03, "rate: is inf"),
         (np.zeros((10, 1, 3)), 100.0, 0.0, "half_window: is 0.0"),

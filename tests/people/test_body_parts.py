@@ -12,8 +12,12 @@ def test_every_bound_is_finite_and_says_how_often_it_holds_and_whence():
     for part, bound in BOUNDS.items():
         assert 0.0 < bound.accel < math.inf, part
         assert 0.0 < bound.speed < math.inf, part
+        if bound.percentile == 0.0:
+            assert bound.source.startswith("assumed"), part
+            continue
         assert 99.0 <= bound.percentile < 100.0, part
         assert "docs/people.md" in bound.source
+    assert {part for part in BOUNDS if not BOUNDS[part].percentile} == {"thigh", "shank", "foot"}
     with pytest.raises(TypeError):
         BOUNDS["head"] = BOUNDS["hand"]
 
@@ -35,6 +39,9 @@ def test_limbs_have_the_bounds_of_their_wilder_end():
         ("right_shoulder", "upper_arm"),
         ("p1_left_upper_arm", "upper_arm"),
         ("hip", "trunk"),
+        ("anna/left_thigh", "thigh"),
+        ("left_knee", "shank"),
+        ("right_foot", "foot"),
         ("head", "head"),
         # Nothing is claimed of what only sounds like a part of a body.
         ("overhead_crane", None),

@@ -54,6 +54,7 @@ BROUGHT = {
     "recording": {"bag/"},
     "robot": {"arm.urdf"},
     "settings": {"cell.toml", "person.csv"},
+    "skeletons": {"camera.jsonl"},
     "several_arms": {"cell.toml"},
     "view": {"cell.toml"},
 }

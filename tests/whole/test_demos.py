@@ -66,6 +66,16 @@ def test_two_supervised_arms_keep_apart_and_others_do_not():
     assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
 
 
+def test_a_tracked_person_who_comes_within_reach_is_a_stop_and_one_who_leaves_is_none(capsys):
+    demo = load_demo(next(path for path in DEMOS if path.stem == "11_skeleton"))
+    assert demo.main() == 360
+    lines = capsys.readouterr().out.splitlines()
+    levels = [line.split(": ")[1].split(",")[0] for line in lines[:-1]]
+    assert levels[0] == levels[-1] == "CLEAR"
+    assert "STOP" in levels
+    assert lines[-1] == "360 frames, 0 bad ones, 11 obstacles"
+
+
 @pytest.fixture(scope="module")
 def paper():
     return load_demo(next(path for path in DEMOS if path.stem == "02_paper"))

@@ -42,6 +42,9 @@ NOT_LOADED = (
     "armguard.pairs.proof",
     "armguard.pairs.separation",
     "armguard.pairs.separation_margin",
+    # people's joints
+    "armguard.people.proportions",
+    "armguard.people.skeleton",
     # clouds
     "armguard.pairs.cloud_filter",
     # questions between ticks

@@ -61,6 +61,7 @@ DOORS = {
         "lab.new_robot.command",
         "lab.paper.command",
         "lab.show",
+        "lab.tracked_people.command",
         "lab.tradeoff.command",
     },
 }
