@@ -13,6 +13,7 @@ press harder than the limit permits; without contact limits that is every touch.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -109,21 +110,29 @@ def main(arguments: list[str] | None = None) -> list[Score]:
     add_options(parser, placements=1)
     parser.add_argument("--reactions", type=float, nargs="+", default=[0.02, 0.1], help="[s]")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="file for the table, in Markdown")
+    parser.add_argument("--out", type=Path, help="file for the table so far, in Markdown")
     options = parser.parse_args(arguments)
     scope = Scope(tuple(options.reactions), (0.0,), (USUAL,))
     cases = [case for speed in options.speeds for case in list_cases(options, speed)]
-    given = cases, [scope] * len(cases), [options.seconds] * len(cases)
-    if options.jobs == 1:
-        scores = [score for some in map(play, *given) for score in some]
-    else:
-        with ProcessPoolExecutor(options.jobs) as pool:
-            scores = [score for some in pool.map(play, *given) for score in some]
-    table = "\n".join(write_table(scores))
-    print(table)
-    if options.out:
-        options.out.write_text(table + "\n", encoding="utf-8")
+    scores: list[Score] = []
+    for done, some in enumerate(play_all(cases, scope, options.seconds, options.jobs), 1):
+        scores += some
+        print(f"{done} of {len(cases)} cases{'' if some else ', left out'}", flush=True)
+        if options.out:
+            text = "\n".join(write_table(scores)) + "\n"
+            options.out.write_text(text, encoding="utf-8")
+    print("\n".join(write_table(scores)))
     return scores
+
+
+def play_all(cases: list[Case], scope: Scope, seconds: float, jobs: int) -> Iterator[list[Score]]:
+    """What came of each case, in as many processes."""
+    given = cases, [scope] * len(cases), [seconds] * len(cases)
+    if jobs == 1:
+        yield from map(play, *given)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(play, *given)
 
 
 if __name__ == "__main__":

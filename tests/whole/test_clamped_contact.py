@@ -38,7 +38,7 @@ def attack_often(arm, velocity, modes, *, with_clamping, attacks):
     limits = make_clamp_limits(with_clamping=with_clamping)
     fight = ClampFight(arm, operating, [5], limits)
     found = [
-        fight.attack(PARTS[k % 2], modes[k % len(modes)], (5e4, RIGID)[k // 2 % 2])
+        fight.attack(PARTS[0], modes[k % len(modes)], (5e4, RIGID)[k // 2 % 2])
         for k in range(attacks)
     ]
     return [one.share(touch) for one in found if one is not None for touch in one.touches]
@@ -60,13 +60,13 @@ def test_the_surface_is_where_the_spheres_are(arm, robot):
 
 
 def test_force_stays_within_its_limit_where_it_is_watched(arm):
-    shares = attack_often(arm, 0.1, (BLOCK, CART, LINK), with_clamping=True, attacks=60)
-    assert len(shares) >= 10
+    shares = attack_often(arm, 0.1, (BLOCK, CART, LINK), with_clamping=True, attacks=45)
+    assert len(shares) >= 8
     assert max(shares) <= 1.0 + bench_clamped.ROUNDING
 
 
 def test_force_exceeds_its_limit_where_nothing_counts_as_clamped(arm):
-    shares = attack_often(arm, 0.8, (BLOCK,), with_clamping=False, attacks=16)
+    shares = attack_often(arm, 0.3, (CART,), with_clamping=False, attacks=16)
     assert max(shares) > 1.0
 
 
