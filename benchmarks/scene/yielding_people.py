@@ -134,6 +134,11 @@ class YieldingPeople(People):
         return found
 
     @property
+    def is_arm_moved(self) -> bool:
+        """Whether the arm's controller moves it; one that rests is still pushed."""
+        return bool(self._wanted[1].any())
+
+    @property
     def recorded_speed(self) -> np.ndarray:
         """At which the recording moves each body now, in [m]/[s]. Shape (9,)."""
         found: np.ndarray = np.linalg.norm(self._velocity, axis=1)
@@ -308,7 +313,7 @@ class PressLog:
         self, since: float, dt: float, leaves: Leaves, ends: np.ndarray, broken: np.ndarray
     ) -> None:
         """Take one moment, as `TouchLog.follow`."""
-        people, moves = self._people, leaves.velocities.any()
+        people = self._people
         for body, name in enumerate(NAMES):
             some = [one for one in people.squeezes if one.body == body]
             if not some:
@@ -317,7 +322,7 @@ class PressLog:
                 continue
             press = self._open.get(body)
             if press is None:
-                if not moves:
+                if not people.is_arm_moved:
                     # The person touches an arm at rest: nothing the arm did.
                     continue
                 press = Press(
