@@ -2,12 +2,12 @@
 
     python benchmarks/bench_contact_physics.py --contacts 10000 --jobs 2 --out table.md
 
-A body part, a mass in a skin, rests in the arm's way, lunges at it, flies at it, or rests on a
-table. It is where the monitor lets the arm hit it hardest, and at times a head is behind it. The
-arm goes on in all verdicts but STOP, and brakes as late and as little as is stated. Its position
-loop has one of three stiffnesses, or nothing can hold the arm up. `--contacts` counts contacts of a
-part at rest; contacts of moving parts come on top. Before that comes a control, in which the arm
-obeys nobody: it has to exceed limits on each arm. The file has what was found so far.
+A body part, a mass in a skin, rests in the arm's way, lunges at it, or flies at it. It is where
+the monitor lets the arm hit it hardest, and at times a head is behind it. The arm goes on in all
+verdicts but STOP, and brakes as late and as little as is stated. Its position loop has one of three
+stiffnesses, or nothing can hold the arm up. `--contacts` counts contacts of a part at rest; those
+of moving parts come on top. Before that comes a control, in which the arm obeys nobody: it has to
+exceed limits on each arm. The file has what was found so far.
 """
 
 from __future__ import annotations
@@ -25,17 +25,15 @@ import numpy as np
 
 from armguard.robot import Robot
 from armguard.robot.operating_limits import OperatingLimits
-from support.contact_attacks import CLAMP, LOOPS, LUNGE, PARTS, REST, THROW, Attack, Fight
-from support.contact_physics import Arm
+from support.contact_attacks import LOOPS, LUNGE, PARTS, REST, THROW, Attack, Fight, make_limits
+from support.contact_physics import Arm, make_surface
 
 ARMS = "panda", "ur5", "xarm7"
-MODES = *(REST,) * 4, LUNGE, THROW, *(CLAMP,) * 4
+MODES = *(REST,) * 4, LUNGE, THROW
 AT_REST, MOVING, CLAMPED, FLUNG = "at rest", "moving", "clamped", "moving, clamped"
 JUDGED = AT_REST, MOVING, CLAMPED
 """What a part does when it is touched. One that is clamped while it moves presses by its own
 motion, which no limit of the arm's covers."""
-CREEP = 0.3, 0.1
-"""Operating velocity and acceleration of an arm that clamps, in [rad/s] and [rad/s²]."""
 CHUNK = 250  # contacts of a part at rest that one process simulates before it reports
 ROUNDING = 1e-3  # of the simulation, as a share of a limit
 CONTROL_SHARE = 0.02  # of the contacts
@@ -113,21 +111,12 @@ def simulate(task: Task) -> tuple[Task, Tally]:
         np.minimum(task.pace * robot.velocity_limit, 1.5),
         np.minimum(robot.acceleration_limit, task.accel),
     )
-    # A clamped part may be pressed a few millimetres only, which takes an arm that creeps.
-    creeping = OperatingLimits(
-        np.minimum(robot.velocity_limit, CREEP[0]), np.minimum(robot.acceleration_limit, CREEP[1])
-    )
-    arm = Arm(robot)
-    quick, slow = (
-        Fight(arm, limits, [task.seed], with_limits=task.with_limits)
-        for limits in (operating, creeping)
-    )
+    limits = make_limits() if task.with_limits else None
+    fight = Fight(Arm(robot, make_surface(robot)), operating, [task.seed], limits)
     random, tally = np.random.default_rng([task.seed, 1]), Tally()
     while len(tally.shares[AT_REST]) < task.contacts:
         part, loop = PARTS[random.integers(len(PARTS))], LOOPS[random.integers(len(LOOPS))]
-        mode = MODES[random.integers(len(MODES))]
-        fight = slow if mode == CLAMP and task.with_limits else quick
-        attack = fight.attack(part, mode, loop)
+        attack = fight.attack(part, MODES[random.integers(len(MODES))], loop)
         if attack is not None:
             tally.add(attack)
     return task, tally

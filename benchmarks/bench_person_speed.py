@@ -17,25 +17,16 @@ from typing import Any, NamedTuple
 from rich.progress import track
 
 from armguard.robot import Robot
-from bench_recordings import (
-    BOUNDS,
-    PLACEMENTS,
-    Case,
-    Run,
-    Workplace,
-    find_recordings,
-    place_base,
-)
+from bench_recordings import Case, Run, Workplace
 from scene.contestants import OPERATING, PIECES, SEPARATION, WITH_LIMITS, Scope, make_operating
 from scene.example_limits import PersonSpeed, make_limits
 from scene.limited import find_open_share
 from scene.plays import Judged, Obeyed
 from scene.recorded_people import People
 from scene.results import make_table, percent
+from scene.short_runs import RATE, USUAL, add_options, list_cases, make_run, place_people
 from scene.stop_rules import MonitorRule, PieceRule, Rule, Separation, Setting
 
-RATE = 100.0  # of ticks, [Hz]
-USUAL = next(iter(BOUNDS))
 SETTING = Setting(reaction=0.02, camera=0.0, bounds=USUAL)
 NO_RULES = Scope((), (), ())  # of the general comparison
 
@@ -97,8 +88,8 @@ def play(
     workplace.rules = list(rules.values())
     scores = []
     for case in track(cases, f"{speed:g} rad/s", transient=True):
-        people = People(case.path, place_base(*PLACEMENTS[case.placement]), {USUAL: BOUNDS[USUAL]})
-        for cells, found in zip(rules, workplace.play(case, people), strict=True):
+        found_by_rule = workplace.play(case, place_people(case, People))
+        for cells, found in zip(rules, found_by_rule, strict=True):
             if not found.meets_itself:
                 scores.append(Score(*cells, speed, found.outcome))
     return scores
@@ -126,20 +117,12 @@ def main(arguments: list[str] | None = None) -> list[Score]:
         "--person-speeds", type=read_person_speed, nargs="+", default=["own", 0.5, 1.0, 2.0],
         help="own, or in [m/s]",
     )  # fmt: skip
-    parser.add_argument("--speeds", type=float, nargs="+", default=[0.3, 0.8], help="[rad/s]")
-    parser.add_argument("--seconds", type=float, default=8.0, help="of each recording, at most")
-    parser.add_argument("--placements", type=int, default=2, help=f"at most {len(PLACEMENTS)}")
-    parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
+    add_options(parser, placements=2)
     options = parser.parse_args(arguments)
-    run = Run(NO_RULES, (), 0, RATE, options.seconds)
+    run = make_run(NO_RULES, options.seconds)
     scores = []
     for speed in options.speeds:
-        cases = [
-            Case(speed, path, placement, 0)
-            for path in find_recordings()[: options.recordings]
-            for placement in range(options.placements)
-        ]
-        scores += play(run, speed, cases, options.person_speeds)
+        scores += play(run, speed, list_cases(options, speed), options.person_speeds)
     print("\n".join(write_table(scores)))
     return scores
 

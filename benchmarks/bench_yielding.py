@@ -1,39 +1,32 @@
-"""What work an arm that obeys loses beside recorded people whose bodies yield.
+"""What work an arm that obeys loses beside recorded people whose bodies yield, in MuJoCo.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/bench_yielding.py --seconds 8
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_yielding.py --jobs 2 --out table.md
 
 In bench_recordings.py people walk through an arm that stands in their way, and such an arm waits
-until they have left. Here each body is a mass behind a skin that the arm's cover pushes aside, and
-a spring draws it back to where it was recorded (`scene/yielding_people.py`). Cases, rules and
-delays are the same; cases in which the arm goes through itself are left out. Touches are those with
-bodies that had kept their bounds until then. Beyond a limit are touches of a surface that is
-faster; without contact limits that is every touch.
+until they have left. Here MuJoCo moves the arm and each body: a body is a mass in a skin that the
+arm pushes aside, and a spring draws it back to where it was recorded (`scene/yielding_people.py`).
+Cases, rules and delays are the same; cases in which the arm goes through itself are left out.
+Touches are those with bodies that had kept their bounds until then. Beyond a limit are touches that
+press harder than the limit permits; without contact limits that is every touch.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
-from bench_recordings import (
-    BOUNDS,
-    PLACEMENTS,
-    Case,
-    Run,
-    Workplace,
-    find_recordings,
-    place_base,
-)
+from bench_recordings import Case, Workplace
 from scene.contestants import Scope
 from scene.limited import RULES, find_open_share
 from scene.plays import BEGIN, Obeyed
 from scene.results import make_table, milliseconds, percent
 from scene.self_contact import meets_itself
+from scene.short_runs import RATE, USUAL, add_options, list_cases, make_run, place_people
 from scene.working_arm import WorkingArm
-from scene.yielding_people import YieldingPeople
-
-RATE = 100.0  # of ticks, [Hz]
+from scene.yielding_people import Press, PressLog, YieldingPeople
 
 
 class Score(NamedTuple):
@@ -47,18 +40,19 @@ class Score(NamedTuple):
     free: float
     """Progress along its path of an arm that obeys nobody, in [s]."""
 
+    @property
+    def touches(self) -> list[Press]:
+        """Those with bodies that had kept their bounds."""
+        return [touch for touch in self.outcome.touches if touch.is_promised]
+
 
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
     """One case: an arm obeys all rules, one after the other; none if it goes through itself."""
-    workplace = Workplace(Run(scope, (), 0, RATE, seconds), case.speed)
+    workplace = Workplace(make_run(scope, seconds), case.speed)
     trajectory = workplace.make_trajectory(case)
     if meets_itself(trajectory, seconds):
         return []
-    people = YieldingPeople(
-        case.path,
-        place_base(*PLACEMENTS[case.placement]),
-        {name: BOUNDS[name] for name in scope.bounds},
-    )
+    people = place_people(case, YieldingPeople, workplace.robot)
     arm = WorkingArm(trajectory)
     duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN) - BEGIN
     for _ in range(round(duration * RATE)):
@@ -68,10 +62,10 @@ def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
         if rule.name not in RULES:
             continue
         for how in ("obeys", "obeys the scale")[: 2 if rule.has_scale else 1]:
-            by_scale = how == "obeys the scale"
             outcome = workplace.stage.obey(
-                people, WorkingArm(trajectory), rule, seconds, by_scale=by_scale
-            )
+                people, WorkingArm(trajectory), rule, seconds,
+                by_scale=how == "obeys the scale", log=PressLog(people, rule.limits),
+            )  # fmt: skip
             reaction = rule.setting.reaction
             scores.append(Score(case.speed, reaction, rule.name, how, outcome, arm.progress))
     return scores
@@ -86,7 +80,8 @@ def write_table(scores: list[Score]) -> list[str]:
         some = [score for score in scores if score[:4] == key]
         outcomes = [score.outcome for score in some]
         ticks = sum(one.ticks for one in outcomes)
-        touches = [touch for one in outcomes for touch in one.touches if touch.is_promised]
+        touches = [touch for score in some for touch in score.touches]
+        shares = [one.energy / one.energy_limit for one in touches if one.energy_limit > 0.0]
         lost = 1.0 - sum(one.progress for one in outcomes) / sum(score.free for score in some)
         rows.append(
             [
@@ -95,42 +90,49 @@ def write_table(scores: list[Score]) -> list[str]:
                 percent(find_open_share(outcomes)),
                 f"{60.0 * RATE * sum(one.stops for one in outcomes) / ticks:.1f}", percent(lost),
                 str(len(touches)), str(sum(touch.is_beyond for touch in touches)),
-                f"{1e3 * max((touch.depth for touch in touches), default=0.0):.1f} mm",
+                f"{max(shares):.2f}" if shares else "–",
+                f"{max((one.force for one in touches), default=0.0):.0f} N",
+                f"{1e3 * max((one.depth for one in touches), default=0.0):.1f} mm",
+                f"{1e3 * max((one.way for one in touches), default=0.0):.0f} mm",
             ]
         )  # fmt: skip
     heads = [
         "rule", "speed", "reaction", "in STOP", "outside blocked time", "stops a minute",
-        "work lost", "touches", "beyond a limit", "deepest",
+        "work lost", "touches", "beyond a limit", "most energy ÷ limit", "most force", "deepest",
+        "pushed",
     ]  # fmt: skip
     return make_table(heads, rows)
 
 
 def main(arguments: list[str] | None = None) -> list[Score]:
-    """Print the table, and return what it was made of."""
+    """Print the table or write it, and return what it was made of."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--speeds", type=float, nargs="+", default=[0.3, 0.8], help="[rad/s]")
+    add_options(parser, placements=1)
     parser.add_argument("--reactions", type=float, nargs="+", default=[0.02, 0.1], help="[s]")
-    parser.add_argument("--seconds", type=float, default=8.0, help="of each recording, at most")
-    parser.add_argument("--placements", type=int, default=1, help=f"at most {len(PLACEMENTS)}")
-    parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, help="file for the table so far, in Markdown")
     options = parser.parse_args(arguments)
-    scope = Scope(tuple(options.reactions), (0.0,), (next(iter(BOUNDS)),))
-    cases = [
-        Case(speed, path, placement, 0)
-        for speed in options.speeds
-        for path in find_recordings()[: options.recordings]
-        for placement in range(options.placements)
-    ]
-    count = len(cases)
-    given = cases, [scope] * count, [options.seconds] * count
-    if options.jobs == 1:
-        scores = [score for some in map(play, *given) for score in some]
-    else:
-        with ProcessPoolExecutor(options.jobs) as pool:
-            scores = [score for some in pool.map(play, *given) for score in some]
+    scope = Scope(tuple(options.reactions), (0.0,), (USUAL,))
+    cases = [case for speed in options.speeds for case in list_cases(options, speed)]
+    scores: list[Score] = []
+    for done, some in enumerate(play_all(cases, scope, options.seconds, options.jobs), 1):
+        scores += some
+        print(f"{done} of {len(cases)} cases{'' if some else ', left out'}", flush=True)
+        if options.out:
+            text = "\n".join(write_table(scores)) + "\n"
+            options.out.write_text(text, encoding="utf-8")
     print("\n".join(write_table(scores)))
     return scores
+
+
+def play_all(cases: list[Case], scope: Scope, seconds: float, jobs: int) -> Iterator[list[Score]]:
+    """What came of each case, in as many processes."""
+    given = cases, [scope] * len(cases), [seconds] * len(cases)
+    if jobs == 1:
+        yield from map(play, *given)
+        return
+    with ProcessPoolExecutor(jobs) as pool:
+        yield from pool.map(play, *given)
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ class Judge:
             self._separation = SeparationMargin(settings.separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
         self._contact_limits = settings.contact_limits
-        self._permitted = NO_CONTACT
+        self._permitted: tuple[PermittedContact, str, int] = (NO_CONTACT, "", 0)
         self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED)
         self._late_data = LateData(
             scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
@@ -330,15 +330,16 @@ class Judge:
 
     def _tell_permitted(self, permitted: PermittedContact) -> Reason:
         """Which contact the level rests on that is permitted, up to which speed, and by whom."""
-        if permitted == self._permitted:
-            return self._told_permitted
         link, obstacle = self._scheduler.arm.names(permitted.pair)
         row = permitted.pair // len(self._scheduler.arm.links)
-        regions = self._scheduler.arm.obstacles.table.regions[row]
+        regions = int(self._scheduler.arm.obstacles.table.regions[row])
+        # A row can be another obstacle's by now, or of another region, and be touched as fast.
+        if (permitted, obstacle, regions) == self._permitted:
+            return self._told_permitted
         assert self._contact_limits is not None, "nothing is permitted without limits"
-        stated = self._contact_limits.describe(int(regions))
+        stated = self._contact_limits.describe(regions)
         detail = f"at most {permitted.speed:.2f} of {permitted.limit:.2f} m/s ({stated})"
-        self._permitted = permitted
+        self._permitted = permitted, obstacle, regions
         self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED, f"{link} and {obstacle}", detail)
         return self._told_permitted
 

@@ -10,7 +10,7 @@ import numpy as np
 from scene.clearance import Leaves
 from scene.recorded_people import RADII, People
 from scene.stop_rules import HELD, LATENCY, Moment, Oracle, Rule
-from scene.touches import Touch, TouchLog
+from scene.touches import Log, TouchLog
 from scene.working_arm import WorkingArm
 
 RISE_DELAY = 0.3
@@ -65,8 +65,8 @@ class Obeyed(NamedTuple):
     """Ticks in which a body is inside the arm's cover."""
     stopped_blocked: int
     """Those of them with a STOP."""
-    touches: tuple[Touch, ...]
-    """Of an arm that obeys contact limits."""
+    touches: tuple[Any, ...]
+    """Of an arm that obeys contact limits, `Touch`; beside people who yield, `Press`."""
 
 
 class Holder:
@@ -194,15 +194,30 @@ class Stage:
         ]
 
     def obey(
-        self, people: People, arm: WorkingArm, rule: Rule, seconds: float, *, by_scale: bool
+        self,
+        people: People,
+        arm: WorkingArm,
+        rule: Rule,
+        seconds: float,
+        *,
+        by_scale: bool,
+        log: Log | None = None,
     ) -> Obeyed:
-        """Let an arm obey one rule, and by wish keep to the speed that it allows."""
+        """Let an arm obey one rule, and by wish keep to the speed that it allows.
+
+        Args:
+            people: Beside whom it works.
+            arm: At the beginning of its trajectory.
+            rule: What it obeys.
+            seconds: How long, in [s].
+            by_scale: Whether it keeps to the speed.
+            log: What follows touches; None: with contact limits a `TouchLog`.
+        """
         arm.brakes = rule.brakes
         brakes, contacts = Brakes(arm, rule.delay), Contacts()
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
-        log = None
-        if people.yields or rule.limits is not None:
-            log = TouchLog(np.zeros(len(RADII)) if rule.limits is None else rule.limits)
+        if log is None and rule.limits is not None:
+            log = TouchLog(rule.limits)
         ticks = stopped = stops = missed = beyond = blocked = stopped_blocked = 0
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops
@@ -234,7 +249,7 @@ class Stage:
         brakes: Brakes,
         rule: Rule,
         speed_limit: np.ndarray | float,
-        log: TouchLog,
+        log: Log,
     ) -> None:
         """Let the arm move until the next tick, and follow what it touches meanwhile."""
         people, leaves, dt = moment.people, self._leaves, self._period / CLOSE_STEPS
@@ -242,8 +257,8 @@ class Stage:
         for step in range(CLOSE_STEPS):
             brakes.run(moment.now + step * dt, dt, speed_limit)
             since = moment.since + (step + 1) * dt
-            leaves.place(moment.arm.q, moment.arm.v)
-            people.advance(since, dt, leaves)
+            people.advance(since, dt, moment.arm)
+            leaves.place(*moment.arm.measured)
             frame = min(people.frame(since) + 1, len(people.ends) - 1)
             broken = stream.broke[frame] | people.is_filled[frame]
             log.follow(since, dt, leaves, people.ends_at(since), broken)
@@ -258,7 +273,7 @@ class Stage:
         duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN)
         for tick in range(round(LISTEN / period), int(duration / period)):
             since = tick * period
-            self._leaves.place(arm.q, arm.v)
+            self._leaves.place(*arm.measured)
             gaps = self._leaves.gaps(people.ends_at(since), RADII)
             yield Moment(begin + since, since, arm, self._leaves, gaps, people, since >= BEGIN)
         self._clock = begin + round(duration) + 10.0

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import States, make_states
 from armguard.people import BOUNDS, find_bounds, measure_motion
-from scene.clearance import Leaves
 
 MEMORY = 1.0
 """How far back, in [s], a clean sample agrees with all others."""
@@ -147,9 +146,6 @@ class People:
         streams: By name of the bounds and whether it is clean.
     """
 
-    yields = False
-    """Whether an arm that touches them moves them."""
-
     def __init__(
         self,
         path: Path,
@@ -185,7 +181,7 @@ class People:
     def reset(self) -> None:
         """Begin a case."""
 
-    def advance(self, since: float, dt: float, leaves: Leaves) -> None:
+    def advance(self, since: float, dt: float, arm: Any) -> None:
         """Let them move until a time in [s], for so long; recorded people yield to no arm."""
 
     def frame(self, time: float) -> int:

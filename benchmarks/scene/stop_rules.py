@@ -278,7 +278,7 @@ class MonitorRule(Rule):
         return safe
 
     def _judge(self, moment: Moment) -> bool:
-        self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
+        self.verdict = self.monitor.step(moment.now, *moment.arm.measured)
         if self.verdict.level is Level.STOP:
             self.cause = find_cause(self.verdict.reasons)
             return False
@@ -319,7 +319,7 @@ class PieceRule(MonitorRule):
 
     def _judge(self, moment: Moment) -> bool:
         arm, now, timing = moment.arm, moment.now, self.timing
-        self.verdict = self.monitor.step(now, arm.q, arm.v)
+        self.verdict = self.monitor.step(now, *arm.measured)
         if not moment.counts or (arm.braking and not arm.rests):
             self._until = -math.inf
             return not moment.counts

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -51,6 +51,19 @@ def find_speed_limits(limits: ContactLimits, regions: dict[str, str]) -> np.ndar
             for each in sets
         ]
     )
+
+
+class Log(Protocol):
+    """Follows what an arm touches."""
+
+    @property
+    def touches(self) -> tuple[Any, ...]:
+        """All of that until now."""
+
+    def follow(
+        self, since: float, dt: float, leaves: Leaves, ends: np.ndarray, broken: np.ndarray
+    ) -> None:
+        """Take one moment."""
 
 
 class TouchLog:

@@ -107,6 +107,8 @@ class WorkingArm:
     Attributes:
         q: Joint positions, in [rad] or [m]. Shape (nv,).
         v: Their derivatives, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        deviation: How far positions and velocities really are from q and v; 0 unless a simulation
+            says otherwise. Shape (2, nv).
         progress: Time along the trajectory, in [s].
         braking: Whether the brakes are on, as they are at first.
         brakes: Of joints that brake from given speeds, what they guarantee, in [rad]/[s]².
@@ -140,7 +142,13 @@ class WorkingArm:
         self.legs = 0
         self._pace = 1.0
         self.q, self.v = trajectory.sample(0.0)
+        self.deviation = np.zeros((2, len(self.q)))
         self._take_up(Leg(trajectory, 0.0, self._slew))
+
+    @property
+    def measured(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the arm really is, and its velocities. Shapes (nv,)."""
+        return self.q + self.deviation[0], self.v + self.deviation[1]
 
     @property
     def rests(self) -> bool:

@@ -22,21 +22,28 @@ from armguard.robot.brakes import find_stop
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.verdict import Level
-from support.contact_physics import RIGID, Arm, Contact, Skin, Touch, advance_joints
+from support.contact_physics import (
+    RIGID,
+    Arm,
+    Contact,
+    Skin,
+    Touch,
+    advance_joints,
+    find_leaves,
+)
 
 RATE = 500.0  # ticks a second
 LATENCY, REACTION = 0.002, 0.02  # [s]
 HORIZON = 0.8  # for which motions are drawn, in [s]
 AFTER = 0.25  # for which an arm is watched that has touched, in [s]
+SETTLING = 0.03  # for which an arm is watched that rests for good, in [s]
 HEAD_RADIUS = 0.09  # [m]
-TABLE = 0.2, 0.02  # half its width and half its height, in [m]
 LOOKS = 7  # with which the shortest lead is found
 BEST = 8  # attacks of each kind that are remembered
 NAMES = itertools.count()
 
-REST, LUNGE, THROW, CLAMP = range(4)
-"""What the body part does: rests; speeds up from rest as hard as its bounds allow; flies; rests on
-a table that it cannot be pressed into."""
+REST, LUNGE, THROW = range(3)
+"""What the body part does: rests; speeds up from rest as hard as its bounds allow; flies."""
 
 LOOPS = 2e3, 5e4, 5e5, RIGID
 """Stiffness of the arm where it is touched, in [N/m]."""
@@ -186,17 +193,18 @@ class Fight:
         arm: The simulated arm.
         operating: What its controller keeps to.
         seed: Of all that is drawn.
-        with_limits: Whether a monitor has the limits of `PARTS`; without, there is no monitor, and
-            the arm obeys nobody.
+        limits: Of contact, for the monitor; None: there is no monitor, and the arm obeys nobody.
     """
+
+    goes_on = True
+    """Whether an arm that brakes goes on in the first tick without a STOP."""
 
     def __init__(
         self,
         arm: Arm,
         operating: OperatingLimits,
         seed: Sequence[int],
-        *,
-        with_limits: bool = True,
+        limits: ContactLimits | None,
     ) -> None:
         self.arm, self.robot = arm, arm.robot
         self.random = np.random.default_rng(seed)
@@ -204,11 +212,11 @@ class Fight:
         self.brakes = LimitsInForce(self.robot, operating, 0.0).brakes
         self.obstacles = Obstacles(sources=[])
         self.monitor: Monitor | None = None
-        if with_limits:
+        if limits is not None:
             self.monitor = Monitor(
                 self.robot, self.obstacles, rate=RATE, latency=LATENCY, reaction_time=REACTION,
                 rise_delay=0.0, source_timeout=1e6, payload=0.0, operating=operating,
-                contact_limits=make_limits(),
+                contact_limits=limits,
             )  # fmt: skip
         self.lower = np.maximum(self.robot.lower_position_limit, -math.pi)
         self.upper = np.minimum(self.robot.upper_position_limit, math.pi)
@@ -246,8 +254,7 @@ class Fight:
 
     def _find_bare(self, link: str) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of a link near the surface of its cover, and which way it is nearest."""
-        tree, points = self.robot.cover.tree(link), self.robot.hull(link)
-        leaves = tree.spheres[np.asarray(tree.child_count) == 0]
+        leaves, points = find_leaves(self.robot, link), self.robot.hull(link)
         apart = points[:, None] - leaves[None, :, :3]
         away = np.linalg.norm(apart, axis=2)
         depth = leaves[:, 3] - away
@@ -263,9 +270,7 @@ class Fight:
         if random.random() < 0.3:  # stretched, or folded
             q[1:-1] = np.where(random.random(nv - 2) < 0.7, 0.0, q[1:-1])
             q = np.clip(q, self.lower + 0.05, self.upper - 0.05)
-        # A clamped part may be pressed a few millimetres only.
-        slow, fast = ([0.02, 0.05], [0.1, 0.3]) if mode == CLAMP else ([0.15, 0.3], [0.6, 1.0])
-        pace = self.top * random.choice(slow + fast)
+        pace = self.top * random.choice([0.15, 0.3, 0.6, 1.0])
         velocities = np.clip(random.uniform(-1.5, 1.5, (3, nv)), -1.0, 1.0) * pace
         velocities[:, random.random(nv) < random.choice([0.0, 0.5, 0.8])] *= 0.1
         if random.random() < 0.6:  # goes on, and speeds up
@@ -285,13 +290,13 @@ class Fight:
             turn=random.uniform(0.0, 0.3),
             link=count - 1 - int(count * random.random() ** 2),
             rank=random.random() ** 3,
-            is_bare=random.random() < (0.8 if mode == CLAMP else 0.5),
+            is_bare=random.random() < 0.5,
             radius=float(random.choice([0.03, 0.05, 0.08])),
             damping=float(random.choice([0.0, 0.05, 0.3])),
             speed=speed,
             tilt=random.normal(size=3) * random.choice([0.0, 0.5, 2.0]),
             bounds=bounds,
-            head=random.uniform(0.0, 0.4) if mode != CLAMP and random.random() < 0.4 else None,
+            head=random.uniform(0.0, 0.4) if random.random() < 0.4 else None,
             lead=random.uniform(0.1, 0.9) if random.random() < 0.15 else None,
         )
 
@@ -368,8 +373,6 @@ class Fight:
         if not speed[front] > 0.005:
             return None
         center = where[0][front] + plan.radius * direction
-        if plan.mode == CLAMP and not direction[2] < -0.5:
-            return None
         against = plan.tilt - direction
         velocity = plan.speed * against / np.linalg.norm(against)
         accel = plan.bounds[0] if plan.mode == LUNGE else 0.0
@@ -381,19 +384,18 @@ class Fight:
     def _start(self, plan: Plan, place: Place, stiffness: float) -> Contact | None:
         self.arm.start(plan.q, plan.velocities[0], stiffness)
         center, velocity = place.part_state(0.0)
-        wall = center[2] if plan.mode == CLAMP else -math.inf
-        contact = Contact(self.arm, plan.skin, center, velocity, wall)
+        contact = Contact(self.arm, plan.skin, center, velocity)
         return contact if contact.gap > 1e-4 else None
 
     def _is_allowed(self, plan: Plan, place: Place) -> bool:
         contact = self._start(plan, place, RIGID)
         if contact is None:
             return False
-        self._begin(plan, contact)
+        self._begin(plan, place)
         self._tell(0.0, plan, place, contact)
         return self._ask(0.0) is not Level.STOP
 
-    def _begin(self, plan: Plan, contact: Contact) -> None:
+    def _begin(self, plan: Plan, place: Place) -> None:
         """Begin anew with another body, and let the monitor know nothing of other motions."""
         assert self.monitor is not None
         for name in self.names:
@@ -405,12 +407,6 @@ class Fight:
         number = next(NAMES)
         # One person's, by their names: else the arm could clamp the part against the head.
         self.names = [f"person-{number}/part", f"person-{number}/head"]
-        if plan.mode == CLAMP:
-            wide, high = TABLE
-            below = np.array([0.0, 0.0, -plan.radius - high])
-            corners = np.array(list(itertools.product((-wide, wide), (-wide, wide), (-high, high))))
-            self.obstacles.add_static(f"table-{number}", contact.center + below + corners, 0.0)
-            self.names.append(f"table-{number}")
 
     def _tell(self, t: float, plan: Plan, place: Place, contact: Contact) -> None:
         stamp = self.now + t
@@ -461,7 +457,7 @@ class Fight:
         if contact is None:
             return None
         if self.monitor is not None:
-            self._begin(plan, contact)
+            self._begin(plan, place)
         hold, rate = np.zeros_like(arm.q), np.zeros_like(arm.q)
         said: list[bool] = []
         t, tick, brakes, has_touched = 0.0, 0, False, False
@@ -477,7 +473,7 @@ class Fight:
                     is_told = due >= 0 and said[due]
                     if is_told and not brakes:
                         self._brake(hold, rate)
-                    brakes = is_told
+                    brakes = is_told or (brakes and not self.goes_on)
                 if place.head is not None and np.abs(arm.state[1]).max() > 1e-3:
                     away, _ = arm.find_nearest(place.head, HEAD_RADIUS + 0.5, nearest)
                     head_gap = min(head_gap, away - HEAD_RADIUS)
@@ -492,6 +488,8 @@ class Fight:
                 has_touched, end = True, t + AFTER
             rests = brakes and not arm.v.any()
             is_away = has_touched and contact.gap > 0.01 and place.head is None
+            if rests and not self.goes_on:
+                end = min(end, t + SETTLING)
             if not contact.is_pressed and (rests or is_away):
                 break
         return Attack(plan, stiffness, contact.finish(), head_gap)

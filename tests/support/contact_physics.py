@@ -12,6 +12,7 @@ arm of infinite stiffness cannot be held up at all.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -30,10 +31,15 @@ RIGID = math.inf  # stiffness of an arm that nothing holds up, in [N/m]
 
 
 class Surface(NamedTuple):
-    """The triangles of all links, as a tree of balls, depth first; only the smallest have any."""
+    """The triangles of all links, as a tree of balls, depth first; only the smallest have any.
+
+    What is within some distance of a triangle is inside as well, so that a point is a sphere.
+    """
 
     corners: np.ndarray
     """In the frame of the link's joint, in [m]. Shape (n, 3, 3)."""
+    swell: np.ndarray
+    """How far from its triangle the surface is, in [m]. Shape (n,)."""
     first: np.ndarray
     """Where the triangles of each ball begin, and the end. Shape (balls + 1,)."""
     ball: np.ndarray
@@ -76,17 +82,39 @@ class Touch(NamedTuple):
     joint_error: float
     """How far the contact moved a joint out of its way at most, in [rad] or [m]."""
     is_clamped: bool
-    """Whether it was pressed from two sides: against a wall, or between two links."""
+    """Whether it was pressed from two sides: between two links, or against anything else."""
 
 
 def make_surface(robot: Robot) -> Surface:
+    """The true surface of an arm: the triangles of its links."""
+    parts = [robot.triangles(link) for link in robot.links]
+    return _build_surface(robot, parts, [np.zeros(len(part)) for part in parts])
+
+
+def make_cover_surface(robot: Robot) -> Surface:
+    """The surface of an arm that is made of the smallest spheres of its cover."""
+    spheres = [find_leaves(robot, link) for link in robot.links]
+    points = [np.repeat(some[:, None, :3], 3, axis=1) for some in spheres]
+    return _build_surface(robot, points, [some[:, 3] for some in spheres])
+
+
+def find_leaves(robot: Robot, link: str) -> np.ndarray:
+    """Centres and radii of the smallest spheres of a link's cover, in [m]. Shape (n, 4)."""
+    tree = robot.cover.tree(link)
+    return tree.spheres[np.asarray(tree.child_count) == 0]
+
+
+def _build_surface(robot: Robot, parts: list[np.ndarray], swells: list[np.ndarray]) -> Surface:
+    """Of the triangles of each link, shapes (n, 3, 3), and how far from each its surface is."""
     corners: list[np.ndarray] = []
+    swelled: list[np.ndarray] = []
     first, balls, beyond, joints, links = [0], [], [], [], []
 
-    def add(triangles: np.ndarray, number: int) -> None:
+    def add(triangles: np.ndarray, swell: np.ndarray, number: int) -> None:
         points, index = triangles.reshape(-1, 3), len(balls)
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-        balls.append([*middle, np.linalg.norm(points - middle, axis=1).max()])
+        apart = np.linalg.norm(triangles - middle, axis=2).max(axis=1)
+        balls.append([*middle, (apart + swell).max()])
         joints.append(robot.joint_index(robot.links[number]) - 1)
         links.append(number)
         beyond.append(0)
@@ -94,17 +122,19 @@ def make_surface(robot: Robot) -> Surface:
         first.append(first[-1] + is_leaf * len(triangles))
         if is_leaf:
             corners.append(triangles)
+            swelled.append(swell)
         else:
             middles = triangles.mean(axis=1)
             order = np.argsort(middles[:, np.argmax(np.ptp(middles, axis=0))], kind="stable")
             half = len(order) // 2
-            add(triangles[order[:half]], number)
-            add(triangles[order[half:]], number)
+            add(triangles[order[:half]], swell[order[:half]], number)
+            add(triangles[order[half:]], swell[order[half:]], number)
         beyond[index] = len(balls)
 
-    for number, link in enumerate(robot.links):
-        add(robot.triangles(link), number)
-    return Surface(np.concatenate(corners), *map(np.array, (first, balls, beyond, joints, links)))
+    for number, (triangles, swell) in enumerate(zip(parts, swells, strict=True)):
+        add(triangles, swell, number)
+    columns = map(np.array, (first, balls, beyond, joints, links))
+    return Surface(np.concatenate(corners), np.concatenate(swelled), *columns)
 
 
 @kernel
@@ -149,6 +179,7 @@ def _nearest_on_triangle(t, p):
 def find_nearest(surface, places, turns, p, within, point):
     """Fill the surface's point nearest to p; its distance, at most `within`, and its group or -1.
 
+    The distance is below 0 inside a surface that is some way from its triangles.
     `places` and `turns` are those of the joints' frames. Shapes (nv, 3) and (nv, 9).
     """
     best, found = within, -1
@@ -165,7 +196,7 @@ def find_nearest(surface, places, turns, p, within, point):
         ball = surface.ball[group]
         x, y, z = local[0] - ball[0], local[1] - ball[1], local[2] - ball[2]
         far = best + ball[3]
-        if x * x + y * y + z * z >= far * far:
+        if far <= 0.0 or x * x + y * y + z * z >= far * far:
             group = surface.beyond[group] - 1
             continue
         if surface.first[group + 1] == surface.first[group]:
@@ -173,10 +204,11 @@ def find_nearest(surface, places, turns, p, within, point):
         for number in range(surface.first[group], surface.first[group + 1]):
             a, b, c = _nearest_on_triangle(surface.corners[number], local)
             x, y, z = local[0] - a, local[1] - b, local[2] - c
-            away = math.sqrt(x * x + y * y + z * z)
-            if away < best:
-                best, found = away, group
-                nearest[0], nearest[1], nearest[2] = a, b, c
+            length, swell = math.sqrt(x * x + y * y + z * z), surface.swell[number]
+            if length - swell < best:
+                best, found = length - swell, group
+                share = swell / max(length, 1e-12)
+                nearest[0], nearest[1], nearest[2] = a + share * x, b + share * y, c + share * z
     if found >= 0:
         k = surface.joint[found]
         for i in range(3):
@@ -212,8 +244,19 @@ def advance_joints(q, v, accel, target, up, rate, hold, brakes, dt):
         accel[j] = (v[j] - before) / dt
 
 
+class Push(NamedTuple):
+    """A force on the arm."""
+
+    force: np.ndarray
+    """[N]. Shape (3,)."""
+    point: np.ndarray
+    """Where it acts, in [m]. Shape (3,)."""
+    joint: int
+    """Which moves what is pushed."""
+
+
 class Arm:
-    """An arm in MuJoCo, its loop, and the surface of its links.
+    """An arm in MuJoCo, its loop, and its surface.
 
     Attributes:
         q: Joint positions that the controller wants now, in [rad] or [m]. Shape (nv,).
@@ -222,7 +265,7 @@ class Arm:
         is_free: Whether nothing has touched the arm yet, so that it is exactly there.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, surface: Surface) -> None:
         spec = mujoco.MjSpec()
         spec.option.gravity = [0.0, 0.0, 0.0]
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -234,7 +277,7 @@ class Arm:
             motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         self.robot, self.model = robot, spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.surface = make_surface(robot)
+        self.surface = surface
         self.hulls = [robot.hull(link) for link in robot.links]
         self.joint_of = [robot.joint_index(link) - 1 for link in robot.links]
         nv = len(robot.joints)
@@ -301,8 +344,8 @@ class Arm:
         self.model.actuator_biasprm[:, 1] = -self._gain
         self.model.actuator_biasprm[:, 2] = -self._damping
 
-    def step(self, dt: float, force: np.ndarray, p: np.ndarray, joint: int) -> None:
-        """Simulate a step of an arm that a force pushes, after the wanted motion was advanced."""
+    def step(self, dt: float, pushes: Sequence[Push]) -> None:
+        """Simulate a step of an arm that is pushed, after the wanted motion was advanced."""
         if self.is_free or self.stiffness == RIGID:
             self.place()
             return
@@ -312,8 +355,8 @@ class Arm:
         mujoco.mj_step1(model, data)
         mujoco.mj_mulM(model, data, self._torque, self.accel)
         data.qfrc_applied[:] = self._torque + data.qfrc_bias + self._damping * self.v
-        if joint >= 0:
-            mujoco.mj_applyFT(model, data, force, np.zeros(3), p, joint + 1, data.qfrc_applied)
+        for force, point, joint in pushes:
+            mujoco.mj_applyFT(model, data, force, np.zeros(3), point, joint + 1, data.qfrc_applied)
         mujoco.mj_step2(model, data)
         mujoco.mj_kinematics(model, data)
 
@@ -335,11 +378,10 @@ class Contact:
         velocity: In [m/s]. Shape (3,).
         gap: Between its skin and the arm, in [m]; negative while it is pressed.
         touches: The contacts that are over.
-        wall: Height below which the part cannot be pressed, in [m].
     """
 
-    def __init__(self, arm: Arm, skin: Skin, center, velocity, wall: float = -math.inf) -> None:
-        self.arm, self.skin, self.wall = arm, skin, wall
+    def __init__(self, arm: Arm, skin: Skin, center, velocity) -> None:
+        self.arm, self.skin = arm, skin
         self.center, self.velocity = np.array(center, float), np.array(velocity, float)
         self.touches: list[Touch] = []
         self._point, self._force = np.zeros(3), np.zeros(3)
@@ -385,7 +427,7 @@ class Contact:
         touch = self._open
         if touch is None:
             speed = float(np.linalg.norm(self.velocity))
-            touch = Touch(0.0, 0.0, speed, 0.0, link, 0.0, self.wall > -math.inf)
+            touch = Touch(0.0, 0.0, speed, 0.0, link, 0.0, False)
             self._count, self._first = 0, normal
             if arm.is_free and arm.stiffness < RIGID:
                 arm.hold_by_loop(self._point, normal, int(arm.surface.joint[self._group]))
@@ -420,17 +462,12 @@ class Contact:
         skin, arm = self.skin, self.arm
         self.velocity += 0.5 * dt / skin.mass * self._force
         self.center += dt * self.velocity
-        self._stop_at_wall()
-        joint = int(arm.surface.joint[self._group]) if self._size > 0.0 else -1
-        arm.step(dt, -self._force, self._point, joint)
+        pushes = []
+        if self._size > 0.0:
+            pushes.append(Push(-self._force, self._point, int(arm.surface.joint[self._group])))
+        arm.step(dt, pushes)
         self.look(dt)
         self.velocity += 0.5 * dt / skin.mass * self._force
-        self._stop_at_wall()
-
-    def _stop_at_wall(self) -> None:
-        if self.center[2] <= self.wall:
-            self.center[2] = self.wall
-            self.velocity[2] = max(self.velocity[2], 0.0)
 
     def finish(self) -> list[Touch]:
         """All contacts, the one that lasts still among them."""

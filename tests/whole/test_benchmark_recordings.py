@@ -364,41 +364,6 @@ def test_verdicts_take_effect_when_they_must(load):
     assert min(goes) > 0.002
 
 
-def test_a_body_takes_up_no_more_than_it_brings_and_comes_back(load):
-    """A surface that moves on at v runs into a mass: its skin takes up m v² / 2 at most."""
-    yielding = load("scene.yielding_people")
-    speed, radius, mass, stiffness, dt = 0.5, 0.1, 0.6, 75e3, 1e-5
-    ends = np.tile([0.0, 0.0, 0.0], (1, 2, 1))
-    offset, drift = np.zeros((1, 3)), np.zeros((1, 3))
-
-    def move(x):
-        centers = np.array([[x, 0.0, 0.0]])
-        yielding.yield_to(
-            centers, np.array([[speed, 0.0, 0.0]]), np.array([radius]), ends, np.array([radius]),
-            np.array([stiffness]), np.array([mass]), offset, drift, dt,
-        )  # fmt: skip
-        return max(0.0, x + 2.0 * radius - offset[0, 0])
-
-    deepest = max(move(speed * k * dt - 2.0 * radius) for k in range(4000))
-    assert 0.3 < 0.5 * stiffness * deepest**2 / (0.5 * mass * speed**2) <= 1.0
-    assert offset[0, 0] > 0.01
-    for _ in range(300_000):
-        move(-5.0)
-    np.testing.assert_allclose(offset, 0.0, atol=1e-3)
-    np.testing.assert_allclose(drift, 0.0, atol=1e-3)
-
-
-def test_the_benchmark_of_yielding_people_runs(load, capsys):
-    find_recordings(load("bench_recordings"))
-    arguments = "--speeds 0.8 --reactions 0.02 --seconds 0.3 --recordings 2"
-    scores = load("bench_yielding").main(arguments.split())
-    assert {score.rule for score in scores} == set(load("scene.limited").RULES)
-    for score in scores:
-        assert 0 <= score.outcome.stopped <= score.outcome.ticks <= 30
-        assert score.outcome.progress <= score.free
-    assert "work lost" in capsys.readouterr().out
-
-
 def test_the_benchmark_of_the_persons_own_speed_runs(load, capsys):
     find_recordings(load("bench_recordings"))
     arguments = "--person-speeds own 2 --speeds 0.8 --seconds 0.3 --placements 1 --recordings 2"

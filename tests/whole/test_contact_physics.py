@@ -12,14 +12,14 @@ import bench_contact_physics
 from armguard.pairs.hull_distance import HullDistance
 from armguard.robot import Kinematics
 from armguard.robot.operating_limits import OperatingLimits
-from support.contact_attacks import CLAMP, LOOPS, PARTS, REST, THROW, Fight
-from support.contact_physics import RIGID, Arm, Contact, Skin, advance_joints
+from support.contact_attacks import LOOPS, LUNGE, PARTS, REST, THROW, Fight, make_limits
+from support.contact_physics import RIGID, Arm, Contact, Skin, advance_joints, make_surface
 from support.panda_monitor import HOME, panda
 
 
 @functools.cache
 def make_arm():
-    return Arm(panda())
+    return Arm(panda(), make_surface(panda()))
 
 
 def swing_into(skin, *, stiffness, speed=0.8):
@@ -79,12 +79,12 @@ def test_the_surface_is_where_exact_hulls_have_it():
 @pytest.mark.parametrize("with_limits", [True, False])
 def test_limits_are_kept_where_they_are_watched(with_limits):
     operating = OperatingLimits.fraction(panda(), velocity=0.45, acceleration=0.2)
-    fight = Fight(make_arm(), operating, [3], with_limits=with_limits)
+    fight = Fight(make_arm(), operating, [3], make_limits() if with_limits else None)
     tally = bench_contact_physics.Tally()
     for k in range(64):
         # The last of the parts has the lowest limit.
         part = PARTS[-1 - k % 2]
-        attack = fight.attack(part, (REST, REST, THROW, CLAMP)[k // 2 % 4], LOOPS[k % len(LOOPS)])
+        attack = fight.attack(part, (REST, REST, THROW, LUNGE)[k // 2 % 4], LOOPS[k % len(LOOPS)])
         if attack is not None:
             tally.add(attack)
     assert len(tally.shares[bench_contact_physics.AT_REST]) >= 4

@@ -230,3 +230,12 @@ def test_an_arm_that_is_too_fast_may_not_touch():
     assert verdict.level is Level.STOP
     assert ALLOWED not in kinds(verdict)
     assert np.isinf(verdict.contact_speed)
+
+
+def test_what_is_told_of_a_contact_names_who_is_there_now():
+    encounter = Encounter(0.005)
+    encounter.go()
+    encounter.obstacles.remove(["p/hand"])
+    encounter.see("q/hand")
+    (told,) = [one for one in encounter.step().reasons if one.kind is ALLOWED]
+    assert told.subject.endswith(" and q/hand")
