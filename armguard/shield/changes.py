@@ -1,4 +1,4 @@
-"""How motions change: jerk-limited phases within the limits of joints, made by Ruckig [BK21].
+"""How motions change: jerk-limited phases within the limits of joints, made by Ruckig [Ruckig]_.
 
 Each change here goes on for a while, and then stops as hard as the limits allow, so that whatever
 is made of it carries its own stop.

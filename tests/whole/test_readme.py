@@ -22,7 +22,15 @@ PAGES = {
         ROOT / "README.md",
         *(
             ROOT / "docs" / f"{name}.md"
-            for name in ("start", "verdicts", "obstacles", "controller", "shield", "cells", "recording")
+            for name in (
+                "start",
+                "verdicts",
+                "obstacles",
+                "controller",
+                "shield",
+                "cells",
+                "recording",
+            )
         ),
     )
 }
