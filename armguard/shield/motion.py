@@ -1,6 +1,6 @@
 """Motions that a shield commands: along a timed path, or joint by joint, each to its rest.
 
-A motion is a sequence of phases, each jerk-limited, made by Ruckig [Ruckig]_. Along a path the phases
+A motion is a sequence of phases, each jerk-limited, made by Ruckig [Ruckig]_. Along a path they
 are of the time along it, so that they change its pace; else they are of the joints themselves. The
 last phase brings everything to rest, where it stays.
 """
