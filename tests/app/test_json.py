@@ -13,7 +13,9 @@ from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest
 from armguard.lab.paper import command as paper
 from support import commissioned_runs
+from support.kits import write_frame
 from support.urdf_arms import two_links
+from support.walking_person import WalkingPerson
 
 REPORT_NOTHING = {
     "view": "serves a page until Ctrl-C",
@@ -45,6 +47,12 @@ def words_of(tmp_path, recording, monkeypatch):
     monkeypatch.setattr(extremes, "measure_all", lambda seed, lines, tell: lines.append(line))
     found = CampaignReport([], [], Closest(0, 1.0, 0.5), 1.0)
     monkeypatch.setattr(command, "run_campaign", lambda faults, tell: found)
+    walk = WalkingPerson(1)
+    frames = [
+        json.dumps(write_frame("zed", k / 30.0, {1: walk.locate(k / 30.0)})) for k in range(90)
+    ]
+    camera = tmp_path / "camera.jsonl"
+    camera.write_text("\n".join(frames))
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
     cell.write_text('[robot]\nname = "panda"\noperating = "published"\n[sources]\n')
     addresses = [
@@ -64,6 +72,7 @@ def words_of(tmp_path, recording, monkeypatch):
         ),
         "cover": (["panda", "--export", str(tmp_path / "panda.yml")], "wrote"),
         "commission": ([str(recording)], "cell_lines"),
+        "people": ([str(camera)], "recordings"),
         "tradeoff": (
             ["--out", out, "--seconds", "1", "--axis", "max_staleness"],
             "settings",

@@ -13,6 +13,8 @@ from armguard.messages.events import (
     Payload,
     PromiseBroken,
     StaticObstacle,
+    TetherEnded,
+    TetherStated,
 )
 from armguard.messages.incoming import (
     IgnoreMessage,
@@ -79,6 +81,8 @@ MESSAGES = [
     DroppedPoints(source="depth", stamp=0.5, points=3, dropped=1),
     FaultsTaken(),
     Payload(payload=1.5),
+    TetherStated(a="elbow", b="hand", length=0.4, source="a tape measure"),
+    TetherEnded(a="elbow", b="hand"),
     IgnoreMessage(1, "", "*", "post", None, 0.5),
     IgnoreMessage(2, "", "*", "post", "camera", None, PACKED * 2),
     WatchMessage(2),
