@@ -30,7 +30,6 @@ from armguard.obstacles.broken_bounds import (
     BROKEN_FACTOR,
     MAXIMUM_ACCEL,
     MAXIMUM_SPEED,
-    SEEN_WITHIN,
     begin_break,
     count_as_moved,
     count_bounds,
@@ -59,6 +58,9 @@ from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, not
 
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
+
+REJOINED_WITHIN = 0.05
+"""After a longer pause, in [s], a sample that may follow a refused one says little about it."""
 
 TOLD_FOR = 0.2
 """How long, in [s], bounds that were told of a body count in deciding whether its samples agree, at
@@ -186,21 +188,27 @@ def _write(states: States, row: int, sample: States) -> None:
 
 
 @kernel
-def _keep_surer(sample: States, accepted: States, row: int) -> None:
+def _keep_surer(sample: States, accepted: States, row: int, accel: float) -> None:
     """Replace what a newer sample says more vaguely than the accepted state still does.
 
     Both hold within their errors, so the truth lies in what both allow. After a time h a velocity
     is within dv + A h of v, and a point within dp + (dv + A h / 2) h of x + v h, with the errors dp
     and dv of the accepted state. Whichever error is smaller counts, of velocities and of points by
-    themselves. A body that is described otherwise now is taken as the sample describes it.
+    themselves. The sample's bounds hold from its stamp on.
+
+    A sample with another radius may describe the body by other points. One with a smaller radius
+    says nothing against the larger body of before, of which all counts that is known, or nothing:
+    it does if that body is within less room around its points, and its velocities are surer. A
+    larger radius is taken as the sample has it, for the body may have grown.
+
+    Args:
+        sample: Written.
+        accepted: Accepted states.
+        row: Of the body.
+        accel: What its acceleration was at most in between, in [m/s²].
     """
-    accel = accepted.accel[row]
-    if not (
-        accel < math.inf
-        and sample.accel[0] == accel
-        and sample.speed[0] == accepted.speed[row]
-        and sample.radius[0] == accepted.radius[row]
-    ):
+    radius = accepted.radius[row]
+    if not (accel < math.inf and sample.radius[0] <= radius):
         return
     before, stamp = accepted.stamp[row], sample.stamp[0]
     elapsed = stamp - before
@@ -214,14 +222,18 @@ def _keep_surer(sample: States, accepted: States, row: int) -> None:
             moved = accepted.velocities[row, k, axis] * duration
             size = max(size, abs(accepted.points[row, k, axis]) + abs(moved))
     position_error += SUM_ROUNDING * (position_error + size)
-    if position_error < sample.position_error[0]:
-        sample.position_error[0] = position_error
+    velocity_error = (velocity_error + change) * (1.0 + SUM_ROUNDING)
+    is_closer = position_error + radius < sample.position_error[0] + sample.radius[0]
+    is_surer = velocity_error < sample.velocity_error[0]
+    if sample.radius[0] < radius:
+        is_closer = is_surer = is_closer and is_surer
+    if is_closer:
+        sample.position_error[0], sample.radius[0] = position_error, radius
         for k in range(sample.point_count[0]):
             for axis in range(3):
                 moved = accepted.velocities[row, k, axis] * elapsed
                 sample.points[0, k, axis] = accepted.points[row, k, axis] + moved
-    velocity_error = (velocity_error + change) * (1.0 + SUM_ROUNDING)
-    if velocity_error < sample.velocity_error[0]:
+    if is_surer:
         sample.velocity_error[0] = velocity_error
         for k in range(sample.point_count[0]):
             for axis in range(3):
@@ -399,7 +411,7 @@ def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: f
         place = row * MOST_REFUSED + number
         elapsed = sample.stamp[0] - refused.stamp[place]
         before = Record(refused, place, 0.0, accel, speed)
-        if 0.0 < elapsed <= SEEN_WITHIN and body_allows(before, told) == ALLOWED:
+        if 0.0 < elapsed <= REJOINED_WITHIN and body_allows(before, told) == ALLOWED:
             drop_state(marks, refused, refusals, row, place)
             note_row(table.changed_rows, row)
         else:
@@ -424,46 +436,47 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
     if code != SHAPE:
         _note_break(handle, row, sample)
     is_undecided = breaks.further[row] > 0 and code != SHAPE
-    if code == TOO_FAST and not is_undecided:
+    is_believable = value <= sample.speed[0] + sample.velocity_error[0]
+    if code == TOO_FAST and not (is_undecided or is_believable):
         # Nothing says that a body moved so.
         marks.confirmations[row] = 0
         if value <= table.body_limits[0]:
             count_bounds(sample, 0.0, BROKEN_FACTOR * value)
         let_stand(marks, table.refused, table.refusals, row, sample, 0)
         return code, value
+    accel, speed = sample.accel[0], sample.speed[0]
+    if is_undecided:
+        accel, speed = max(accel, breaks.accel[row]), max(speed, breaks.speed[row])
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
-    follows = (
-        known and _agrees(candidates, row, sample, sample.accel[0], sample.speed[0]) == ALLOWED
-    )
-    if is_undecided and not follows:
-        accel = max(sample.accel[0], breaks.accel[row])
-        speed = max(sample.speed[0], breaks.speed[row])
-        follows = known and _agrees(candidates, row, sample, accel, speed) == ALLOWED
+    follows = known and _agrees(candidates, row, sample, accel, speed) == ALLOWED
+    is_next = bool(0)
     if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        copy_state(sample, 0, candidates, row)
+        is_next = True
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        copy_state(sample, 0, candidates, row)
-        follows = True
+        is_next = True
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], sample.velocities[0], sample.point_count[0])
     elif code == SHAPE:
         value = float(sample.point_count[0])
-    else:
+    elif code != TOO_FAST:
         value = _largest_step(accepted.points[row], sample.points[0], sample.point_count[0])
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         # What was believed until now may be true all the same.
-        _drop_rejoined(handle, row, sample, sample.accel[0], sample.speed[0])
+        _drop_rejoined(handle, row, sample, accel, speed)
         let_stand(marks, table.refused, table.refusals, row, accepted, row)
         return TRACK_CHANGED, value
     let_stand(marks, table.refused, table.refusals, row, sample, 0)
-    if is_undecided and follows:
+    if is_undecided:
+        count_bounds(sample, accel, speed)
+    if is_next:
+        copy_state(sample, 0, candidates, row)
+    if is_undecided and is_next:
         # The sample as that of a body that breaks its bounds, in place of the one before it.
-        count_bounds(sample, breaks.accel[row], breaks.speed[row])
         let_undecided_stand(marks, table.refused, table.refusals, row, sample)
     return code, value
 
@@ -563,6 +576,7 @@ def take_samples(
         # Read: values that cannot be used at all, and errors below what numbers resolve.
         stated_accel, stated_speed = sample.accel[0], sample.speed[0]
         if stamp <= breaks.until[row]:
+            breaks.stated_accel[row], breaks.stated_speed[row] = stated_accel, stated_speed
             count_bounds(sample, breaks.moved_accel[row], breaks.moved_speed[row])
         code, value = TAKEN, 0.0
         if not _is_flawless(sample, not is_velocity_known, extent):
@@ -572,9 +586,9 @@ def take_samples(
             sample.velocity_error[0] = max(sample.velocity_error[0], RESOLUTION)
             radius, speed = sample.radius[0], sample.speed[0]
             follow_spread(table.spreads, row, Record(sample, 0, radius, stated_accel, speed))
-        # Gate: does it agree with the accepted state, by all bounds that were told lately? Where
-        # these are its own, what it says more exactly holds beside the sample.
-        is_vaguer = bool(0)
+        # Gate: does it agree with the accepted state, by all bounds that were told lately? By these
+        # what that says more exactly holds beside the sample.
+        is_vaguer, between = bool(0), math.inf
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
@@ -587,10 +601,11 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
-            is_vaguer = (accel == accepted.accel[row] and speed == accepted.speed[row]) and (
+            is_vaguer = (
                 sample.velocity_error[0] > accepted.velocity_error[row]
                 or sample.position_error[0] > accepted.position_error[row]
             )
+            between = max(accel, sample.accel[0])
         if (
             breaks.further[row] > 0
             and stamp > breaks.latest[row]
@@ -615,7 +630,7 @@ def take_samples(
         if marks.refused[row]:
             _drop_rejoined(handle, row, sample, stated_accel, stated_speed)
         if allowed and is_vaguer:
-            _keep_surer(sample, accepted, row)
+            _keep_surer(sample, accepted, row, between)
         # Write: what agrees replaces the accepted state.
         _write(accepted, row, sample)
         marks.has_state[row] = True

@@ -65,6 +65,10 @@ class Breaks(NamedTuple):
     """What counts for each sample of a body that has moved, [m/s²]. Shape (rows,)."""
     moved_speed: FloatArray
     """What counts alike, [m/s]. Shape (rows,)."""
+    stated_accel: FloatArray
+    """What the source stated when wider bounds counted last, [m/s²]. Shape (rows,)."""
+    stated_speed: FloatArray
+    """What it stated alike, [m/s]. Shape (rows,)."""
     until: FloatArray
     """Up to which stamp that counts, [s]; -inf: the body kept its bounds. Shape (rows,)."""
     index: IntArray
@@ -75,7 +79,7 @@ class Breaks(NamedTuple):
 
 def make_breaks() -> Breaks:
     """No rows."""
-    fields = [np.zeros((0, 3))] * 3 + [np.zeros(0)] * 8 + [np.zeros(0, dtype=np.int64)] * 2
+    fields = [np.zeros((0, 3))] * 3 + [np.zeros(0)] * 10 + [np.zeros(0, dtype=np.int64)] * 2
     return Breaks(*fields)
 
 
@@ -124,7 +128,9 @@ def measure_bounds(states: Any, row: int, sample: Any) -> tuple[float, float]:
 def begin_break(
     breaks: Breaks, row: int, states: Any, place: int, sample: Any, accel: float, speed: float
 ) -> None:
-    """Let a sample that broke bounds be undecided; one that is so already goes on as it began.
+    """Let a sample that broke bounds be undecided.
+
+    While another one is, it begins anew if it shows more than what counts for that one.
 
     Args:
         breaks: Written.
@@ -136,7 +142,13 @@ def begin_break(
         speed: Bound on speed alike, in [m/s].
     """
     seen_accel, seen_speed = measure_bounds(states, place, sample)
-    if breaks.further[row] == 0:
+    if not sample.stamp[0] <= breaks.until[row]:
+        breaks.stated_accel[row], breaks.stated_speed[row] = sample.accel[0], sample.speed[0]
+    if (
+        breaks.further[row] == 0
+        or seen_accel > max(accel, breaks.accel[row])
+        or seen_speed > max(speed, breaks.speed[row])
+    ):
         breaks.further[row] = FURTHER_SAMPLES
         breaks.stamp[row] = sample.stamp[0]
         breaks.error[row] = sample.position_error[0]
@@ -205,4 +217,8 @@ def count_bounds(sample: Any, accel: float, speed: float) -> None:
     if sample.accel[0] < accel:
         sample.accel[0] = accel if accel <= MAXIMUM_ACCEL else math.inf
     if sample.speed[0] < speed:
+        is_unknown = sample.velocity_error[0] >= sample.speed[0]
         sample.speed[0] = speed if speed <= MAXIMUM_SPEED else math.inf
+        if is_unknown:
+            # Of its velocity nothing was known but the bound.
+            sample.velocity_error[0] = sample.speed[0]
