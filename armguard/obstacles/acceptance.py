@@ -610,7 +610,7 @@ def take_samples(
             breaks.further[row] > 0
             and stamp > breaks.latest[row]
             and (code < SHAPE or code == TOO_FAST)
-            and breaks.index[row] < points_each
+            and breaks.point_index[row] < points_each
         ):
             _decide_break(handle, row, sample)
         if code != TAKEN:

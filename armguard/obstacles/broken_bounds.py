@@ -71,7 +71,7 @@ class Breaks(NamedTuple):
     """What it stated alike, [m/s]. Shape (rows,)."""
     until: FloatArray
     """Up to which stamp that counts, [s]; -inf: the body kept its bounds. Shape (rows,)."""
-    index: IntArray
+    point_index: IntArray
     """Number of the point. Shape (rows,)."""
     further: IntArray
     """How many more samples decide; 0: nothing is undecided. Shape (rows,)."""
@@ -79,8 +79,8 @@ class Breaks(NamedTuple):
 
 def make_breaks() -> Breaks:
     """No rows."""
-    fields = [np.zeros((0, 3))] * 3 + [np.zeros(0)] * 10 + [np.zeros(0, dtype=np.int64)] * 2
-    return Breaks(*fields)
+    points, numbers, counts = np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
+    return Breaks._make([points] * 3 + [numbers] * 10 + [counts] * 2)
 
 
 @kernel
@@ -162,7 +162,7 @@ def begin_break(
             if shown > most:
                 most, index = shown, k
         strayed, changed, _ = _measure_point(states, place, sample, index)
-        breaks.index[row] = index
+        breaks.point_index[row] = index
         for axis in range(3):
             v0 = states.velocities[place, index, axis] if by_accel else 0.0
             step = sample.points[0, index, axis] - states.points[place, index, axis]
@@ -196,7 +196,7 @@ def has_moved(breaks: Breaks, row: int, sample: Any) -> bool:
     With the velocity w since then, the velocity v0 before and its mean change u up to the sample
     that broke a bound: (w - v0) u >= u² / 2, within what errors of the two positions do to w.
     """
-    k, elapsed = breaks.index[row], sample.stamp[0] - breaks.stamp[row]
+    k, elapsed = breaks.point_index[row], sample.stamp[0] - breaks.stamp[row]
     along = square = 0.0
     for axis in range(3):
         change = breaks.change[row, axis]

@@ -34,7 +34,7 @@ from armguard.obstacles.arguments import (
     read_time,
     show,
 )
-from armguard.obstacles.broken_bounds import BODY_LIMITS
+from armguard.obstacles.broken_bounds import BODY_LIMITS, MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.clouds import (
     CloudReader,
     check_names,
@@ -754,8 +754,8 @@ class Obstacles(ObstacleRegister):
             known_accel, known_speed = self.bounds.find([name])
             rate = float(np.max(known_accel)) if accel is None else accel
             pace = float(np.max(known_speed)) if speed is None else speed
-            rate = read_bound("accel", rate, rule.MAXIMUM_ACCEL, "m/s²")
-            pace = read_bound("speed", pace, rule.MAXIMUM_SPEED, "m/s")
+            rate = read_bound("accel", rate, MAXIMUM_ACCEL, "m/s²")
+            pace = read_bound("speed", pace, MAXIMUM_SPEED, "m/s")
             if not 0.0 < pace < math.inf:
                 raise ObstacleError(
                     f"entrance {name!r}",
@@ -862,7 +862,7 @@ class Obstacles(ObstacleRegister):
             return
         table, rows = self.table, np.array(list(self._newcomers), dtype=np.int64)
         with np.errstate(all="ignore"):  # what overflows is too far
-            reach = np.minimum(table.speed[rows], rule.MAXIMUM_SPEED) * (now - table.stamp[rows])
+            reach = np.minimum(table.speed[rows], MAXIMUM_SPEED) * (now - table.stamp[rows])
         is_believable = table.has_state[rows] & (reach <= self._extent)
         self._unbelieved.difference_update(rows[is_believable].tolist())
         self._unbelieved.update(rows[~is_believable].tolist())

@@ -663,3 +663,49 @@ def test_the_accepted_state_holds_the_truth_and_no_vaguer_sample_takes_from_it(s
         assert np.linalg.norm(place - seen - heading * age) <= room + 1e-9
         assert np.linalg.norm(pace - heading) <= velocity_room + accel * age + 1e-9
     assert kept > 30
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_known_is_within_the_sample_or_what_was_known(seed):
+    """Whatever bounds, errors and radius a later sample states: sets of places and velocities."""
+    random = np.random.default_rng(seed)
+    kept = 0
+    for _ in range(100):
+        obstacles = Obstacles()
+        states, h = obstacles.table.accepted, random.uniform(1e-3, 0.2)
+        told = [
+            {
+                "accel": random.choice([5.0, 20.0]),
+                "speed": random.choice([2.0, 3.0]),
+                "radius": random.choice([0.1, 0.1, 0.2]),
+                "position_error": random.choice([0.01, 0.5]),
+                "velocity_error": random.choice([0.05, 3.0]),
+            }
+            for _ in range(2)
+        ]
+        row = see(obstacles, 0.0, velocity=[[0.5, 0.0, 0.0]], **told[0])
+        see(obstacles, h, 0.5 * h, velocity=[[0.5, 0.0, 0.0]], **told[1])
+        assert not obstacles.take_faults()
+        # Rooms of the body, and of its velocity, both about the same place and velocity.
+        accel = max(told[0]["accel"], told[1]["accel"])
+        rate = told[0]["velocity_error"] + accel * h
+        room = told[0]["position_error"] + (told[0]["velocity_error"] + 0.5 * accel * h) * h
+        room += told[0]["radius"]
+        stated = told[1]["position_error"] + told[1]["radius"]
+        found = states.position_error[row] + states.radius[row]
+        assert states.points[row, 0, 0] == pytest.approx(0.5 * h)
+        assert found <= stated * (1.0 + 1e-12)
+        assert states.velocity_error[row] <= told[1]["velocity_error"]
+        # It is one of the two sets, so the truth, which lies in both, lies in it.
+        assert found == pytest.approx(stated) or found == pytest.approx(room)
+        surer = states.velocity_error[row]
+        assert surer == pytest.approx(told[1]["velocity_error"]) or surer == pytest.approx(rate)
+        if told[1]["radius"] > told[0]["radius"]:
+            assert states.radius[row] == told[1]["radius"]
+            assert found == pytest.approx(stated)
+        elif told[1]["radius"] == told[0]["radius"]:
+            assert found <= room * (1.0 + 1e-9)
+            assert surer <= rate * (1.0 + 1e-9)
+        assert (states.accel[row], states.speed[row]) == (told[1]["accel"], told[1]["speed"])
+        kept += found < stated or surer < told[1]["velocity_error"]
+    assert kept > 0

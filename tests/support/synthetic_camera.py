@@ -95,7 +95,8 @@ class SyntheticCamera:
     def _begin_episodes(self, now):
         rng, count = self._rng, len(self._bodies)
         for k in range(count):
-            if self.is_hidden(k, now) or self._false_left[k] > 0:
+            if self.is_hidden(k, now) or self._false_left[k] > 0 or self._true_at[k] == -np.inf:
+                # What was never seen is in no table.
                 continue
             if rng.random() < 1.5 * self.period:
                 self.hidden_until[k] = now + rng.uniform(*DROPOUT)

@@ -60,12 +60,13 @@ def find_nearest(body):
     return distance, towards / max(np.linalg.norm(towards), 1e-9)
 
 
-def play(seed, state_premises=lambda obstacles: None):
+def play(seed, state_premises=lambda obstacles: None, *, obeys=True):
     """One scene: contacts while the arm moved, ticks in which it moved, and the camera.
 
     Args:
         seed: Of all random numbers.
         state_premises: Tells the table what else holds of the bodies.
+        obeys: Whether the arm stops when the monitor says so.
     """
     rng = np.random.default_rng(seed)
     bodies = []
@@ -99,7 +100,7 @@ def play(seed, state_premises=lambda obstacles: None):
                 velocity_error=VELOCITY_ERROR, source="camera",
             )  # fmt: skip
         verdict = monitor.step(now, arm.q, arm.v)
-        arm.move(verdict.level is Level.STOP)
+        arm.move(obeys and verdict.level is Level.STOP)
         for k, (body, (distance, towards)) in enumerate(zip(bodies, found, strict=True)):
             is_unseen = camera.is_hidden(k, now)
             direction = rng.normal(size=3)
@@ -122,3 +123,7 @@ def test_nothing_touches_a_moving_arm_whatever_the_camera_does(part):
         swaps += camera.swap_count
     assert moving > 0
     assert false > 0
+
+
+def test_an_arm_that_ignores_its_monitor_is_touched():
+    assert any(play(seed, obeys=False)[0] > 0 for seed in range(8))
