@@ -394,7 +394,8 @@ def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: f
     """Give up refused states that a sample follows which is about to be the accepted one.
 
     Were one of them the accepted one, the sample would replace it all the same. After a pause
-    bounds allow for so much that this would say little.
+    bounds allow for so much that this would say little. A state that covers several samples stays:
+    what follows it need not follow each of them.
 
     Args:
         handle: On the table's `Rows`; written.
@@ -411,7 +412,9 @@ def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: f
         place = row * MOST_REFUSED + number
         elapsed = sample.stamp[0] - refused.stamp[place]
         before = Record(refused, place, 0.0, accel, speed)
-        if 0.0 < elapsed <= REJOINED_WITHIN and body_allows(before, told) == ALLOWED:
+        is_single = refusals.covers_from[place] == -math.inf
+        is_next = is_single and 0.0 < elapsed <= REJOINED_WITHIN
+        if is_next and body_allows(before, told) == ALLOWED:
             drop_state(marks, refused, refusals, row, place)
             note_row(table.changed_rows, row)
         else:

@@ -130,7 +130,7 @@ def test_another_track_is_believed_after_five_samples_that_agree():
     assert obstacles.table.points[row, 0, 0] == 1.0
     assert obstacles.table.revision[row] == revision + 5
     # What was believed before may be true all the same, for as long as any refused sample.
-    assert refused(obstacles, row) == [0.0]
+    assert refused(obstacles, row) == [1.0, 0.0]
     obstacles.forget_refused(0.05, 0.3)
     obstacles.forget_refused(0.36, 0.3)
     assert not obstacles.table.refused[row]
