@@ -65,7 +65,7 @@ def test_the_example_says_what_the_library_would_do_anyway():
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__}
-    keys |= {*tables.bounds.__struct_fields__} - {"accel", "speed", "extent", "of"}
+    keys |= {*tables.bounds.__struct_fields__} - {"accel", "speed", "extent", "body_limits", "of"}
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"ignore", "base_placement", "certify", "separation", "operating", "payload"}
