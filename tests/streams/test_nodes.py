@@ -162,7 +162,7 @@ def bind_again(address):
 def test_a_cloud_that_is_published_becomes_voxels_without_the_arm(address):
     seen = []
 
-    def find_others(points, q, frame):
+    def find_others(points, q, frame, origin):
         seen.append((q.tolist(), frame))
         return points[:, 0] > 1.0  # the arm is nearer than that
 
