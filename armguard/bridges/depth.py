@@ -12,6 +12,7 @@ image, y down, z forward along the axis.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -143,17 +144,18 @@ def stereo_error(
     return DEVIATIONS * subpixel * np.square(np.asarray(depth, float)) / (focal_length * baseline)
 
 
-def find_flying(depth: Array, step: float) -> Mask:
+def find_flying(depth: Array, step: float, reach: int = 2) -> Mask:
     """Pixels of a depth image that may be no surface at all.
 
-    A pixel is one if, among its eight neighbours, one is nearer and one is farther by more than
-    `step` each; or if none is within `step` of it. Pixels without a depth are none.
+    A pixel is one if another is nearer by more than `step`, no more than `reach` rows and columns
+    away; or if none of its eight neighbours is within `step` of it. Holes are none.
 
-    **What is lost with them.** A pixel that does see a surface counts as flying only where
-    something nearer is beside it in the image, or where no neighbour sees the same surface. So a
-    surface keeps each pixel that is beside nothing nearer, if it shows in two pixels side by side
-    and its depth changes by no more than `step` from one to the next. For noise alone that is so
-    up to a slant of atan(f step / z) between the line of sight and the surface's normal.
+    **What is lost with them.** A pixel that does see a surface counts as flying only near something
+    nearer, or where no neighbour sees the same surface. So a surface keeps each pixel that is more
+    than `reach` away from all nearer ones, if it shows in two pixels side by side and its depth
+    changes by no more than `step` over so many pixels: without noise, up to a slant of
+    atan(f step / (z reach)) between the line of sight and the surface's normal. In other words, the
+    shadow of what is nearer is wider by `reach` pixels.
 
     **What stays.** A flying pixel within `step` of a surface is not told from that surface, and
     makes it thicker along the line of sight, by `step` at most.
@@ -161,29 +163,38 @@ def find_flying(depth: Array, step: float) -> Mask:
     Args:
         depth: In [m], NaN where there is none. Shape (height, width).
         step: In [m]: what noise makes of two depths of one surface, and how much the depth of a
-            slanted one changes from one pixel to the next.
+            slanted one changes over `reach` pixels.
+        reach: How wide edges are that fly, in [pixels]: one, or two where both sides fly.
 
     Returns:
         Shape (height, width).
 
     Raises:
-        ArmguardError: The step is no length.
+        ArmguardError: The step is no length, or the reach no number of pixels.
     """
     if not 0.0 < step < math.inf:
         raise ArmguardError("step", f"is {step}", expected="a length above 0, in m")
+    if not (isinstance(reach, int) and reach >= 1):
+        raise ArmguardError("reach", f"is {reach!r}", expected="a whole number, at least 1")
+    nearest = depth
+    for _ in range(reach):
+        nearest = _find_nearest_around(nearest)
     height, width = depth.shape
     edged = np.pad(depth, 1, constant_values=np.nan)
-    has_nearer, has_farther, has_level = np.zeros((3, height, width), dtype=np.bool_)
-    for row in range(3):
-        for column in range(3):
-            if row == column == 1:
-                continue
-            difference = edged[row : row + height, column : column + width] - depth
-            # Of a hole all three are false.
-            has_nearer |= difference < -step
-            has_farther |= difference > step
-            has_level |= np.abs(difference) <= step
-    return ((has_nearer & has_farther) | ~has_level) & np.isfinite(depth)
+    has_level = np.zeros(depth.shape, dtype=np.bool_)
+    for row, column in itertools.product(range(3), range(3)):
+        if row != 1 or column != 1:
+            beside = edged[row : row + height, column : column + width]
+            has_level |= np.abs(beside - depth) <= step
+    return ((nearest < depth - step) | ~has_level) & np.isfinite(depth)
+
+
+def _find_nearest_around(depth: Array) -> Array:
+    """Least depth of each pixel and its neighbours, NaN where none has one, in [m]."""
+    edged = np.pad(depth, 1, constant_values=np.nan)
+    rows = np.fmin(np.fmin(edged[:-2], edged[1:-1]), edged[2:])
+    least: Array = np.fmin(np.fmin(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+    return least
 
 
 class Background:
@@ -208,9 +219,7 @@ class Background:
         Raises:
             ArmguardError: It has another shape than those before.
         """
-        edged = np.pad(depth, 1, constant_values=np.nan)
-        rows = np.fmin(np.fmin(edged[:-2], edged[1:-1]), edged[2:])
-        least = np.fmin(np.fmin(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+        least = _find_nearest_around(depth)
         if self._nearest is not None:
             self._check(depth)
             least = np.fmin(self._nearest, least)

@@ -70,7 +70,8 @@ class CloudIntake:
         occupied = None
         if message.occupied is not None:
             occupied = to_mask("occupied", message.occupied, len(points))
-        named = {"stamp": message.stamp, "origin": message.origin, "points": points}
+        # Points without a place are usual, as holes of images: the table counts and tells them.
+        named = {"stamp": message.stamp, "origin": message.origin}
         intake.check_finite(source, sequence, named)
         others = self._find_others(points, message, stamp, window)
         if others is not None:
