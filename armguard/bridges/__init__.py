@@ -1,6 +1,7 @@
-"""Where armguard meets others: messages of ROS 2, and simulations in MuJoCo.
+"""Where armguard meets others: messages of ROS 2, MuJoCo simulations, and depth images.
 
-`armguard.bridges.mujoco` needs a package of its own, and is imported by its name.
+`armguard.bridges.mujoco` needs a package of its own, and is imported by its name; so is
+`armguard.bridges.depth`, which a camera's node needs alone.
 """
 
 from armguard.bridges.messages import JointStateReader, ObstacleReader
