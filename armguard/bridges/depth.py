@@ -220,12 +220,9 @@ class Background:
             ArmguardError: It has another shape than those before.
         """
         least = _find_nearest_around(depth)
-        if self._nearest is not None:
-            self._check(depth)
-            least = np.fmin(self._nearest, least)
-        self._nearest = least
+        self._nearest = least if self._nearest is None else np.fmin(self._recall(depth), least)
 
-    def find_nearer(self, depth: Array, margin: ArrayLike) -> Mask:
+    def find_nearer(self, depth: Array, margin: float | Array) -> Mask:
         """Pixels that see something before the background. Shape (height, width).
 
         Args:
@@ -235,13 +232,15 @@ class Background:
         Raises:
             ArmguardError: The shape is not that of the images before, or none was shown yet.
         """
-        self._check(depth)
         # Where either is unknown the comparison fails, so that it is not background.
-        return ~(depth >= self._nearest - margin) & np.isfinite(depth)
+        is_background: Mask = depth >= self._recall(depth) - margin
+        return ~is_background & np.isfinite(depth)
 
-    def _check(self, depth: Array) -> None:
+    def _recall(self, depth: Array) -> Array:
+        """The background, if it has the shape of an image."""
         if self._nearest is None or depth.shape != self._nearest.shape:
-            known = None if self._nearest is None else self._nearest.shape
+            known = "none was shown" if self._nearest is None else f"{self._nearest.shape}"
             raise ArmguardError(
-                "depth", f"has shape {depth.shape}", expected=f"that of the background, {known}"
+                "depth", f"has shape {depth.shape}", expected=f"that of the background: {known}"
             )
+        return self._nearest
