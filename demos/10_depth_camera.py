@@ -63,7 +63,7 @@ RIM = 16  # pixels at the border of an image that only tell what is empty: voxel
 RANGE = 2.6  # what is farther away only tells what is empty, [m]
 STEP = 0.12  # between two depths of one surface, at most, [m]
 VOXEL = 0.08  # [m]
-ERROR = float(stereo_error(RANGE, *SENSOR[1:])) + CAMERA.half_spacing(RANGE)
+ERROR = CAMERA.position_error(RANGE, float(stereo_error(RANGE, *SENSOR[1:])), SIZE)
 
 
 class Outcome(NamedTuple):

@@ -80,10 +80,7 @@ class PinholeCamera:
             ArmguardError: It is no image.
         """
         units = np.asarray(image)
-        is_number = np.issubdtype(units.dtype, np.integer) or np.issubdtype(
-            units.dtype, np.floating
-        )
-        if units.ndim != 2 or not is_number:
+        if units.ndim != 2 or units.dtype.kind not in "iuf":
             raise ArmguardError(
                 "image",
                 f"has shape {units.shape} of {units.dtype}",
@@ -113,15 +110,25 @@ class PinholeCamera:
         points[..., 2] = depth
         return points.reshape(-1, 3)
 
-    def half_spacing(self, depth: float) -> float:
-        """Half the diagonal between four pixels on a surface across the axis, in [m].
+    def position_error(self, depth: float, error: float, shape: tuple[int, int]) -> float:
+        """What points up to a depth may be off by, for `update_cloud(…, position_error=…)`, in [m].
 
-        What lies between points is not measured: `position_error` has to hold this as well.
+        An error of the depth moves a point along its ray, which is longer than the depth, the most
+        in a corner of the image. What lies between points is not measured: half the diagonal
+        between four pixels is added, on a surface across the axis.
 
         Args:
-            depth: Of the surface, in [m].
+            depth: The farthest, in [m].
+            error: Of depths, there, in [m].
+            shape: Height and width of the image, in [pixels].
         """
-        return 0.5 * depth * math.hypot(1.0 / self.focal_length[0], 1.0 / self.focal_length[1])
+        (x, y), (across, down) = self.center, self.focal_length
+        rays = [
+            math.hypot(1.0, (column - x) / across, (row - y) / down)
+            for row in (0, shape[0] - 1)
+            for column in (0, shape[1] - 1)
+        ]
+        return error * max(rays) + 0.5 * depth * math.hypot(1.0 / across, 1.0 / down)
 
 
 def stereo_error(
@@ -129,19 +136,31 @@ def stereo_error(
 ) -> Array:
     """What depths of a stereo camera may be off by, in [m]; it grows with the square of the depth.
 
-    Disparity is d = f B / z, so an error of s pixels in it is one of s z² / (f B) in depth
-    [Grunnet]_; four times that is taken.
+    Disparity is d = f B / z. If it is off by s pixels, where z is measured the surface is at
+    f B / (d - s) at most, farther by s z² / (f B - s z) [Grunnet]_; nearer it is by less. For s,
+    four standard deviations are taken.
 
     Args:
-        depth: In [m]. Any shape.
+        depth: As measured, in [m]. Any shape.
         focal_length: f of the images that are matched, in [pixels], before any decimation.
         baseline: B, between the two imagers, in [m].
-        subpixel: s, the standard deviation of disparities, in [pixels].
+        subpixel: Standard deviation of disparities, in [pixels].
 
     Returns:
-        In the shape of the depths; NaN where they are.
+        In the shape of the depths; NaN where they are, inf where a surface may be anywhere behind.
+
+    Raises:
+        ArmguardError: A number is not above 0, or not finite.
     """
-    return DEVIATIONS * subpixel * np.square(np.asarray(depth, float)) / (focal_length * baseline)
+    named = {"focal_length": focal_length, "baseline": baseline, "subpixel": subpixel}
+    for name, value in named.items():
+        if not 0.0 < value < math.inf:
+            raise ArmguardError(name, f"is {value}", expected="finite, above 0")
+    z, noise = np.asarray(depth, float), DEVIATIONS * subpixel
+    left = focal_length * baseline - noise * z
+    error = np.full(z.shape, np.inf)
+    np.divide(noise * z, left, out=error, where=~(left <= 0.0))
+    return error * z
 
 
 def find_flying(depth: Array, step: float, reach: int = 2) -> Mask:

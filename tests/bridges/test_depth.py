@@ -98,24 +98,39 @@ def test_a_camera_that_cannot_be_is_refused(changes, offender):
         PinholeCamera(**({"focal_length": (1.0, 1.0), "center": (0.0, 0.0)} | changes))
 
 
-def test_between_four_pixels_nothing_is_farther_from_one_than_half_the_spacing():
-    points = CAMERA.place(np.full(SHAPE, 2.0)).reshape(*SHAPE, 3)
-    middle = 0.5 * (points[:-1, :-1] + points[1:, 1:])
-    away = np.linalg.norm(middle - points[:-1, :-1], axis=-1)
-    np.testing.assert_allclose(away, CAMERA.half_spacing(2.0), rtol=1e-9)
+def test_no_point_of_a_surface_is_farther_from_all_points_than_the_position_error():
+    """A surface across the axis, whose depths are all off by the error."""
+    error = 0.05
+    true = CAMERA.place(np.full(SHAPE, 2.0)).reshape(*SHAPE, 3)
+    seen = CAMERA.place(np.full(SHAPE, 2.0 + error)).reshape(*SHAPE, 3)
+    middle = 0.5 * (true[:-1, :-1] + true[1:, 1:])
+    away = np.linalg.norm(middle - seen[:-1, :-1], axis=-1).max()
+    bound = CAMERA.position_error(2.0, error, SHAPE)
+    assert away <= bound <= away + 0.02
+    assert np.linalg.norm(true - seen, axis=-1).max() == pytest.approx(
+        bound - CAMERA.position_error(2.0, 0.0, SHAPE), rel=1e-12
+    )
 
 
-def test_a_stereo_error_is_that_of_the_disparity():
-    """By the derivative of z = f B / d, taken by differences."""
+def test_a_stereo_error_holds_what_the_disparity_may_be_off_by():
     focal_length, baseline, subpixel = 447.0, 0.095, 0.08
-    for depth in (0.5, 1.0, 3.0):
+    for depth in (0.5, 1.0, 3.0, 10.0):
         disparity = focal_length * baseline / depth
-        step = 1e-5
-        slope = focal_length * baseline * (1.0 / (disparity - step) - 1.0 / (disparity + step))
-        expected = 4.0 * subpixel * slope / (2.0 * step)
-        error = stereo_error(depth, focal_length, baseline, subpixel)
-        assert error == pytest.approx(expected, rel=1e-6)
+        error = float(stereo_error(depth, focal_length, baseline, subpixel))
+        assert focal_length * baseline / (disparity - 4.0 * subpixel) == pytest.approx(
+            depth + error
+        )
+        assert focal_length * baseline / (disparity + 4.0 * subpixel) > depth - error
+    assert stereo_error([133.0, 1e300], focal_length, baseline).tolist() == [np.inf, np.inf]
     assert np.isnan(stereo_error([np.nan], focal_length, baseline)).all()
+
+
+@pytest.mark.parametrize("name", ["focal_length", "baseline", "subpixel"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_a_stereo_camera_that_cannot_be_is_refused(name, value):
+    numbers = {"focal_length": 447.0, "baseline": 0.095, "subpixel": 0.08} | {name: value}
+    with pytest.raises(ArmguardError, match=rf"^{name}"):
+        stereo_error(1.0, **numbers)
 
 
 def find_flying_slowly(depth, step, reach):
