@@ -176,6 +176,9 @@ class CloudsTable(_Table):
     it than this is not seen."""
     time_error: NotNegative = 0.005
     """What stamps of clouds and of joint states may be apart by, in [s]."""
+    trail: NotNegative | UnsetType = UNSET
+    """How far behind the arm, along a ray, points of its edge may be measured, in [m]: what lies
+    there on a ray that touches the shell is not seen."""
 
 
 class StaticTable(_Table, kw_only=True):
