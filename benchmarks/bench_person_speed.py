@@ -130,7 +130,7 @@ def main(arguments: list[str] | None = None) -> list[Score]:
     parser.add_argument("--placements", type=int, default=2, help=f"at most {len(PLACEMENTS)}")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     options = parser.parse_args(arguments)
-    run = Run(NO_RULES, (), 0, RATE, options.seconds)
+    run = Run(NO_RULES, False, RATE, options.seconds)
     scores = []
     for speed in options.speeds:
         cases = [

@@ -1,15 +1,17 @@
 """How often each rule stops an arm beside recorded people, what that costs, and what it misses.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --out docs/usefulness.md
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --jobs 2 --out docs/usefulness.md
     ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --seconds 3 --placements 1
-    --seeds 1 --recordings 1
+    --recordings 1
 
 A Panda moves between random points of its workspace, its base at several places at the table where
 people were recorded; from the last of these it reaches where they work. First the arm goes on
 whatever is said, so that all rules judge the same states. Then it obeys them, one by one: after the
 delays its brakes act with the deceleration that they guarantee, and once it may, it returns to its
-path. At last it obeys the speed scales too. Rules with contact limits have a part of the page of
-their own, with every touch. The page that this writes says how to read it.
+path. At last it obeys the speed scales too. All of that is done with each of the bounds on people
+and with samples of several ages, with clean data and with data as they come, faults included. Rules
+with contact limits have a part of the page of their own, with every touch. The page that this
+writes says how to read it.
 
 Time is judged at 100 Hz, the rate of the recordings. A rule says STOP by what could happen until
 the next tick's STOP would bite, and that time is kept the same at every rate; at 200 Hz and at
@@ -39,7 +41,7 @@ from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
 from scene.results import Found
 from scene.self_contact import meets_itself
-from scene.stop_rules import Rule, Setting
+from scene.stop_rules import Rule
 from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
 
@@ -67,10 +69,8 @@ class Run(NamedTuple):
     """What all cases have in common."""
 
     scope: Scope
-    obeying: tuple[Setting, ...]
-    """Settings in which the arm obeys as well."""
-    obeying_placements: int
-    """At the first so many of them."""
+    obeys: bool
+    """Whether the arm obeys as well."""
     rate: float
     seconds: float
 
@@ -143,7 +143,7 @@ class Workplace:
         return trajectory
 
     def play(self, case: Case, people: People) -> Iterator[Found]:
-        """One case: all rules judge it, then those of the obeying settings are obeyed."""
+        """One case: all rules judge it, then they are obeyed one by one."""
         run, trajectory = self._run, self.make_trajectory(case)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
@@ -153,10 +153,8 @@ class Workplace:
         judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
         for rule, outcome in zip(self.rules, judged, strict=True):
             yield found(rule, "goes on", outcome)
-        if case.placement >= run.obeying_placements:
-            return
         for rule in self.rules:
-            if rule.setting not in run.obeying or rule.name in NOT_OBEYED:
+            if not run.obeys or rule.name in NOT_OBEYED:
                 continue
             has_scale = rule.has_scale and rule.clean
             for how in ("obeys", "obeys the scale")[: 2 if has_scale else 1]:
@@ -202,15 +200,16 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     some = {"type": float, "nargs": "+"}
     parser.add_argument("--speeds", default=[0.3, 0.8], help="of the fastest joint [rad/s]", **some)
-    parser.add_argument("--reactions", default=[0.02, 0.05, 0.1], help="of the brakes [s]", **some)
-    parser.add_argument("--cameras", default=[0.0, 0.05], help="age of new samples [s]", **some)
+    parser.add_argument("--reactions", default=[0.02, 0.1], help="of the brakes [s]", **some)
+    parser.add_argument(
+        "--cameras", default=[0.0, 0.05, 0.1], help="age of new samples [s]", **some
+    )
     parser.add_argument(
         "--bounds", nargs="+", choices=list(BOUNDS), default=list(BOUNDS), help="on people"
     )
     parser.add_argument("--rate", type=float, default=100.0, help="ticks a second")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each recording, at most")
+    parser.add_argument("--seconds", type=float, default=8.0, help="of each recording, at most")
     parser.add_argument("--placements", type=int, default=4, help=f"at most {len(PLACEMENTS)}")
-    parser.add_argument("--obeying-placements", type=int, default=2, help="of these, obeying")
     parser.add_argument("--seeds", type=int, default=1, help="trajectories beside each recording")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they spoil prices")
@@ -223,8 +222,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     options = read_options(arguments)
     paths = find_recordings()[: options.recordings]
     scope = Scope(tuple(options.reactions), tuple(options.cameras), tuple(options.bounds))
-    obeying = tuple(scope.usual._replace(reaction=reaction) for reaction in scope.extremes)
-    run = Run(scope, obeying, options.obeying_placements, options.rate, options.seconds)
+    run = Run(scope, True, options.rate, options.seconds)
     cases = [
         Case(speed, path, placement, seed)
         for speed in options.speeds
@@ -235,7 +233,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     found = play_all(run, cases, options.jobs)
     usual = Scope(scope.reactions[:1], scope.cameras[:1], scope.bounds[:1])
     paced = run._replace(
-        scope=usual, obeying_placements=0, rate=PRICE_RATE, seconds=min(PRICE_SECONDS, run.seconds)
+        scope=usual, obeys=False, rate=PRICE_RATE, seconds=min(PRICE_SECONDS, run.seconds)
     )
     _workplaces.clear()
     priced = play_all(paced, [Case(speed, paths[0], 0, 0) for speed in options.speeds], 1)

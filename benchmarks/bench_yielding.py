@@ -49,7 +49,7 @@ class Score(NamedTuple):
 
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
     """One case: an arm obeys all rules, one after the other."""
-    workplace = Workplace(Run(scope, (), 0, RATE, seconds), case.speed)
+    workplace = Workplace(Run(scope, False, RATE, seconds), case.speed)
     trajectory = workplace.make_trajectory(case)
     people = YieldingPeople(
         case.path,

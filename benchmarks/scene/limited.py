@@ -38,7 +38,7 @@ TOUCHES = (
 def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]:
     """Lines of that part; none where no rule has limits."""
     found = [one for one in found if one.rule in RULES]
-    results = Results(found, scope.cameras[0], rate)
+    results = Results(found, rate)
     if not any(one.rule.endswith(WITH_LIMITS) for one in found):
         return []
     limits = "; ".join(
@@ -213,8 +213,8 @@ def _obeying(results: Results, settings: list[Setting]) -> list[str]:
                             str(len(promised)) if with_limits else "–",
                             str(sum(touch.is_beyond for touch in promised))
                             if with_limits else str(results.total("missed", *what)),
-                            str(len(each) - len(promised))
-                            if with_limits else str(results.total("beyond", *what)),
+                            str(len(each) - len(promised)) if with_limits else
+                            str(sum(results.total(x, *what) for x in ("hidden", "beyond"))),
                         ]
                     )  # fmt: skip
     if not rows:

@@ -21,10 +21,10 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.settings.separation_rule import HUMAN_SPEED
-from armguard.verdict import Effect, Level, Reason, ReasonKind
+from armguard.verdict import Effect, Level, PlanVerdict, Reason, ReasonKind, Verdict
 from scene.clearance import Leaves, is_separate
 from scene.example_limits import PATTERNS_OF_REGIONS
-from scene.recorded_people import RADII, People
+from scene.recorded_people import NAMES, RADII, People, Stream
 from scene.touches import find_speed_limits
 from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
@@ -111,7 +111,7 @@ class Rule:
         price: Time that the last judgement took, in [s].
         limits: How fast a surface may be that touches each body, in [m]/[s], shape (bodies,); None:
             nothing may be touched.
-        cause: Why the last judgement was STOP, where contact limits are stated.
+        cause: Why the last STOP of a monitor began, in short; else empty.
     """
 
     holds = goes_at_once = has_scale = False
@@ -201,13 +201,18 @@ class Separation(Rule):
         self._sent = people.streams[self.setting.bounds, self.clean].sent
         self._bodies = np.arange(len(RADII))
 
+    def _finds(self, frames: np.ndarray, shown: int) -> np.ndarray:
+        """Of which bodies it knows something: those last seen in `frames`. Shape (bodies,)."""
+        return frames >= 0
+
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
         begin = time.perf_counter()
         people, leaves, timing = moment.people, moment.leaves, self.timing
-        shown = moment.since - self.setting.camera
-        frames = self._sent[people.frame(shown)]
-        ages = np.where(frames >= 0, moment.since - frames / people.rate, np.inf)
+        shown = people.frame(moment.since - self.setting.camera)
+        frames = self._sent[shown]
+        found = self._finds(frames, shown)
+        ages = np.where(found, moment.since - frames / people.rate, np.inf)
         lasting = self.brakes.lasting(moment.arm.v)
         stopping = np.where(leaves.moves, lasting, 0.0).max(axis=1)
         apart: bool = is_separate(
@@ -217,6 +222,13 @@ class Separation(Rule):
         )  # fmt: skip
         self.price = time.perf_counter() - begin
         return apart
+
+
+class ForgetfulSeparation(Separation):
+    """The same of the bodies in the newest frame alone: what is hidden is not there."""
+
+    def _finds(self, frames: np.ndarray, shown: int) -> np.ndarray:
+        return frames == shown
 
 
 class MonitorRule(Rule):
@@ -264,7 +276,7 @@ class MonitorRule(Rule):
         self._table.remove([name for name in self._table.ids if name])
         self.monitor.reset()
         self._next, self._begin = 0, begin
-        self.speed_limit = np.inf
+        self.speed_limit, self.cause = np.inf, HELD
 
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
@@ -280,10 +292,17 @@ class MonitorRule(Rule):
     def _judge(self, moment: Moment) -> bool:
         self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
         if self.verdict.level is Level.STOP:
-            self.cause = find_cause(self.verdict.reasons)
+            self._note_cause(moment.now, self.verdict)
             return False
         self.speed_limit = self.verdict.speed_scale * self._speeds
         return True
+
+    def _note_cause(self, now: float, answer: Verdict | PlanVerdict) -> None:
+        """Say why this is a STOP; of data as they come, what is wrong with them."""
+        if self.clean:
+            self.cause = find_cause(answer.reasons)
+        elif not any(reason.kind is ReasonKind.HOLD for reason in answer.reasons):
+            self.cause = find_fault(answer, self._table, self._stream, self.setting, now)
 
 
 class ContactTimeRule(MonitorRule):
@@ -339,7 +358,7 @@ class PieceRule(MonitorRule):
         if answer.safe:
             self._until = now + float(times[-1])
             return True
-        self.cause = find_cause(answer.reasons)
+        self._note_cause(now, answer)
         return left > 1e-9
 
 
@@ -358,6 +377,38 @@ def find_cause(reasons: Iterable[Reason]) -> str:
             return reason.detail.removeprefix("was a STOP: ").partition(":")[0]
         return reason.kind.text
     return "unknown"
+
+
+WIDENED, REFUSED, HIDDEN = "widened bounds", "refused state", "hidden body"
+LATE, PLAIN = ReasonKind.LATE_DATA.text, "plain"
+FAULTS = (WIDENED, REFUSED, HIDDEN, LATE, PLAIN)
+"""What a STOP can rest on where data are as they come; plain: a body that is as it seems."""
+
+HIDDEN_FOR = 0.05
+"""A body counts as hidden once it was missing for longer than this, in [s]."""
+
+
+def find_fault(
+    answer: Verdict | PlanVerdict,
+    obstacles: Obstacles,
+    stream: Stream,
+    setting: Setting,
+    now: float,
+) -> str:
+    """What is wrong with what is known of the body that decides: one of `FAULTS`."""
+    table, body = obstacles.table, answer.obstacle
+    row = -1 if body is None else obstacles.row(body)
+    if body is None or table.unknown[row]:
+        return REFUSED
+    if table.accel[row] > stream.accel[NAMES.index(body)] * (1.0 + 1e-9):
+        return WIDENED
+    if table.refused[row]:
+        return REFUSED
+    if now - table.stamp[row] > setting.camera + HIDDEN_FOR:
+        return HIDDEN
+    if any(reason.kind is ReasonKind.LATE_DATA for reason in answer.reasons):
+        return LATE
+    return PLAIN
 
 
 def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:

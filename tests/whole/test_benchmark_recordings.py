@@ -415,7 +415,7 @@ def test_a_trajectory_through_the_arm_itself_is_drawn_anew(load, monkeypatch):
     bench = load("bench_recordings")
     find_recordings(bench)
     scope = load("scene.contestants").Scope((0.02,), (0.0,), (next(iter(bench.BOUNDS)),))
-    workplace = bench.Workplace(bench.Run(scope, (), 0, 100.0, 1.0), 0.8)
+    workplace = bench.Workplace(bench.Run(scope, False, 100.0, 1.0), 0.8)
     case = bench.Case(0.8, bench.find_recordings()[0], 0, 0)
     seen = []
 
