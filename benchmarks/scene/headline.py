@@ -49,13 +49,17 @@ def write_costs(results: Results, scope: Scope, suffix: str = "") -> list[str]:
         for setting in scope.settings():
             if setting.reaction != scope.reactions[0]:
                 continue
-            row = [f"{speed:g} rad/s", setting.bounds, milliseconds(setting.camera)]
+            clean, raw = (
+                results.total("ticks", speed, OPERATING + x, setting) for x in ("", AS_THEY_COME)
+            )
+            row = [f"{speed:g} rad/s", setting.bounds, percent(1.0 - clean / raw)]
+            row.append(milliseconds(setting.camera))
             for rule in rules:
                 ratio = results.ratio(speed, rule, rival, setting)
                 row.append(f"{percent(results.share(speed, rule, setting))} ({multiple(ratio)})")
             row += [percent(results.lost(speed, rule, setting, "obeys")) for rule in rules]
             rows.append(row)
-    heads = ["speed", "bounds on people", "age of samples"]
+    heads = ["speed", "bounds on people", "broken", "age of samples"]
     heads += [f"in STOP: {MAIN[0]}", *MAIN[1:], f"work lost: {MAIN[0]}", *MAIN[1:]]
     return [*make_table(heads, rows), ""]
 

@@ -287,6 +287,29 @@ def test_a_monitor_stops_wherever_a_sound_rule_must(load, trajectory, people):
     assert 20 < needed[0] < needed[1]
 
 
+def test_each_stop_on_data_as_they_come_has_one_cause(load, trajectory):
+    """Bodies are hidden and markers are swapped in this recording, near the arm."""
+    rules, plays = load("scene.stop_rules"), load("scene.plays")
+    arm = load("scene.working_arm").WorkingArm
+    path = next(x for x in find_recordings(load("bench_recordings")) if x.stem.startswith("pick"))
+    person, given = (
+        make_people(load, path, 0.0, 0.7),
+        (trajectory.robot, make_setting(load), PERIOD),
+    )
+    contestants = [
+        rules.MonitorRule(*given, "monitor", clean=False),
+        rules.Separation(*given, "separation", clean=False),
+        rules.ForgetfulSeparation(*given, "no hidden", clean=False),
+    ]
+    judged = plays.Stage(trajectory.robot, PERIOD).judge(person, arm(trajectory), contestants, 5.0)
+    monitor, separation, forgetful = judged
+    assert monitor.stopped == sum(monitor.causes.values()) + monitor.stopped_blocked
+    assert set(monitor.causes) <= {*rules.FAULTS, rules.HELD}
+    assert set(monitor.causes) & set(rules.FAULTS[:3])
+    assert not separation.causes
+    assert forgetful.stopped < separation.stopped
+
+
 def test_clean_samples_leave_no_fault(load, people):
     for person in people:
         stream, table = person.streams["some", True], Obstacles()
