@@ -9,13 +9,14 @@ from scene.stop_rules import Setting
 
 def write_numbers(results: Results, scope: Scope) -> list[str]:
     """Time in STOP, work lost and what was missed, in the setting nearest to a real cell."""
-    setting, (mine, rival) = scope.real, _pair(AS_THEY_COME)
+    setting, mine, rival = scope.real, OPERATING + AS_THEY_COME, SEPARATION + AS_THEY_COME
     stopped, rivals = (results.share(None, rule, setting) for rule in (mine, rival))
     lost, by_rival = (results.lost(None, rule, setting, "obeys") for rule in (mine, rival))
     text = f"Operating limits stated, bounds on people {setting.bounds}, samples"
     text += f" {milliseconds(setting.camera)} old and as they come,"
     text += f" {milliseconds(setting.reaction)} of reaction; all speeds and places together:"
-    ignoring = SEPARATION + FORGETFUL
+    missed = _find_missed(results, mine, setting)
+    needed = results.total("needed", None, mine, setting)
     return [
         text,
         "",
@@ -23,13 +24,10 @@ def write_numbers(results: Results, scope: Scope) -> list[str]:
         f" {percent(rivals)}. That is {multiple(results.ratio(None, mine, rival, setting))} times.",
         f"- **{percent(lost)} of its work lost** by an arm that obeys; by the {SEPARATION}"
         f" {percent(by_rival)}.",
-        f"- **{results.total('missed', None, mine, setting)} STOPs missed** of"
-        f" {results.total('needed', None, mine, setting)}, where the body was in view and had kept"
-        f" its bounds; {_find_others(results, mine, setting)}. By the {SEPARATION}"
-        f" {results.total('missed', None, rival, setting)}"
-        f" ({_find_others(results, rival, setting)}), and"
-        f" {results.total('missed', None, ignoring, setting)}"
-        f" ({_find_others(results, ignoring, setting)}) if it leaves out what is hidden.",
+        f"- **{missed[0]} of {needed} needed STOPs missed**, and {missed[1]} with a hidden body,"
+        f" {missed[2]} with one that had broken its bounds. The {SEPARATION} missed"
+        f" {_count(results, rival, setting)}, and where it leaves hidden bodies out"
+        f" {_count(results, SEPARATION + FORGETFUL, setting)}.",
         "",
     ]
 
@@ -64,10 +62,11 @@ def write_costs(results: Results, scope: Scope, suffix: str = "") -> list[str]:
     return [*make_table(heads, rows), ""]
 
 
-def _pair(suffix: str) -> tuple[str, str]:
-    return OPERATING + suffix, SEPARATION + suffix
+def _find_missed(results: Results, rule: str, setting: Setting) -> list[int]:
+    """Ticks that it let pass: of bodies in view, of hidden ones, of those that broke bounds."""
+    return [results.total(x, None, rule, setting) for x in ("missed", "hidden", "beyond")]
 
 
-def _find_others(results: Results, rule: str, setting: Setting) -> str:
-    hidden, beyond = (results.total(x, None, rule, setting) for x in ("hidden", "beyond"))
-    return f"{hidden} with a hidden body, {beyond} with one that had broken its bounds"
+def _count(results: Results, rule: str, setting: Setting) -> str:
+    missed, hidden, beyond = _find_missed(results, rule, setting)
+    return f"{missed}, {hidden} and {beyond}"
