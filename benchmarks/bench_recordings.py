@@ -156,7 +156,7 @@ class Workplace:
         for rule in self.rules:
             if not run.obeys or rule.name in NOT_OBEYED:
                 continue
-            has_scale = rule.has_scale and rule.clean
+            has_scale = rule.has_scale and rule.clean and run.scope.is_usual(rule.setting)
             for how in ("obeys", "obeys the scale")[: 2 if has_scale else 1]:
                 arm, by_scale = WorkingArm(trajectory), how == "obeys the scale"
                 obeyed = self.stage.obey(people, arm, rule, run.seconds, by_scale=by_scale)

@@ -59,11 +59,11 @@ ORDER = (
 """All rules, as tables have them."""
 
 MAIN = (SEPARATION, OPERATING, PIECES)
-"""What is compared in every setting, beside clean data and data as they come."""
+"""What is compared in every setting beside clean data, and beside data as they come."""
 
 NOT_OBEYED = (
     ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, SEPARATION + NO_LOAD, ISOTROPIC, JOINT,
-    OPERATING + NO_LOAD,
+    OPERATING + NO_LOAD, PIECES + NO_LOAD,
 )  # fmt: skip
 """Rules that are judged only: there is another one of the kind to obey."""
 
@@ -151,7 +151,8 @@ def make_rules(
     Args:
         robot: The arm.
         speed_fraction: What its trajectories use of the velocity limits at most.
-        scope: Of the comparison; only `MAIN` takes part in other settings than the usual ones.
+        scope: Of the comparison: `MAIN` takes part in each setting, and beside data as they come in
+            those with the first reaction; all others take part in the usual ones.
         setting: What the rules have to live with.
         period: Of ticks, in [s].
     """
@@ -162,11 +163,14 @@ def make_rules(
         Separation(*given, SEPARATION),
         MonitorRule(*given, OPERATING, operating=operating),
         PieceRule(*given, PIECES, **known),
-        ForgetfulSeparation(*given, SEPARATION + FORGETFUL, clean=False),
-        Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
-        MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
-        PieceRule(*given, PIECES + AS_THEY_COME, clean=False, **known),
     ]
+    if setting.reaction == scope.reactions[0]:
+        rules += [
+            ForgetfulSeparation(*given, SEPARATION + FORGETFUL, clean=False),
+            Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
+            MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+            PieceRule(*given, PIECES + AS_THEY_COME, clean=False, **known),
+        ]
     if setting.camera == scope.cameras[0]:
         rules.append(LeastRule(*given, LEAST))
     if not scope.is_usual(setting):

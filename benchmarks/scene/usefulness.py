@@ -194,7 +194,8 @@ def _shares(results: Results, scope: Scope) -> list[str]:
         cells = []
         for speed, setting in columns:
             ratio = results.ratio(speed, rule, SEPARATION, setting)
-            cells.append(f"{percent(results.share(speed, rule, setting))} ({multiple(ratio)})")
+            share = results.share(speed, rule, setting)
+            cells.append(f"{percent(share)} ({multiple(ratio)})" if np.isfinite(share) else "–")
         rows.append([rule, *cells])
     text = f"Bounds on people: {usual.bounds}. Samples are {milliseconds(usual.camera)} old. In"
     text += f" brackets: as a multiple of the {SEPARATION}."
