@@ -81,6 +81,24 @@ class ReasonKind(enum.Enum):
         "than could be looked up, so it is not known which level data of their usual age would "
         "give.",
     )
+    WIDENED_BOUNDS = (
+        "bounds widened",
+        Effect.NOTE,
+        "Nothing came near: with the stated bounds the level would be higher. State the bounds "
+        "that the body keeps, or mend what makes its samples jump.",
+    )
+    REFUSED_ALTERNATIVE = (
+        "refused sample counts",
+        Effect.NOTE,
+        "Nothing came near: without the sample that was refused, which may be true, the level "
+        "would be higher. Look for swapped ids and jumps in perception.",
+    )
+    HIDDEN = (
+        "body hidden",
+        Effect.NOTE,
+        "Nothing came near: a body that is not seen could be nearer with each moment. See why its "
+        "source does not see it.",
+    )
     HOLD = (
         "waiting for evidence before the level rises",
         Effect.NOTE,
@@ -339,6 +357,9 @@ def _weigh(kind: ReasonKind) -> int:
     notes = (
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.WIDENED_BOUNDS,
+        ReasonKind.REFUSED_ALTERNATIVE,
+        ReasonKind.HIDDEN,
         ReasonKind.CONTACT,
         ReasonKind.CONTACT_ALLOWED,
     )

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armguard.monitor.doubtful_states import DoubtfulStates
 from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import AWARE, CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
+from armguard.monitor.second_look import SecondLook
 from armguard.monitor.stop_decision import STEP, StopDecision
 from armguard.pairs.scene import BOUND_NAMES
 from armguard.robot.brakes import scale_that_rests, scale_within_range
@@ -97,14 +99,16 @@ class Judge:
         self._contact_limits = settings.contact_limits
         self._permitted = NO_CONTACT
         self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED)
-        self._late_data = LateData(
-            scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
-        )
+        self._look_again = SecondLook(scheduler, states, rule, settings, self._stopping)
+        obstacles = scheduler.arm.obstacles
+        self._late_data = LateData(obstacles, self._look_again, settings)
+        self._doubtful = DoubtfulStates(obstacles, scheduler, self._look_again, self._late_data)
         self._compile(robot)
 
     def reset(self) -> None:
         """Forget speed scales and committed pieces."""
         self._late_data.reset()
+        self._doubtful.reset()
         self._rising.reset()
         for memory in (self._stopping, self.pieces):
             if memory is not None:
@@ -191,6 +195,7 @@ class Judge:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
+                reasons += self._doubtful.explain(tick, level)
             deciding = names if harm_pair == pair else self._scheduler.arm.names(harm_pair)
             reasons.append(self._tell_contact(harm_pair, deciding, harm_time))
         if permitted is not None and permitted.pair != NOBODY and level is not STOP:
@@ -446,7 +451,8 @@ class Judge:
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
-        self._late_data.compile(tick)
+        # Compiles what it runs.
+        self._look_again.grade(tick, np.zeros(0, dtype=np.int64))
         if self._stopping is not None:
             self._find_most_scale(self._stopping)
             # Where nothing is near, neither stops nor scales have to be asked for.
