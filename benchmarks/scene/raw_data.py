@@ -8,7 +8,7 @@ from scene.contestants import AS_THEY_COME, FORGETFUL, OPERATING, PIECES, SEPARA
 from scene.headline import write_costs
 from scene.plays import Judged
 from scene.results import Results, make_table, milliseconds, multiple, percent
-from scene.stop_rules import FAULTS, HELD, HIDDEN_FOR, Setting
+from scene.stop_rules import FAULTS, HELD, Setting
 
 INSIDE = "inside the arm"
 """A body is where the arm is: recorded people do not yield."""
@@ -29,11 +29,12 @@ TEXT = (
 )
 
 CAUSES = (
-    "What operating limits stop for, as shares of all time that add up to the time in STOP. The"
-    " body that decides has **widened bounds** after it broke them; has a **refused state** that"
-    f" may be true; is a **hidden body**, not seen for {1e3 * HIDDEN_FOR:g} ms longer than samples"
-    " are old; or the data are late. **Plain** is a body that is as it seems. A STOP that is held"
-    " counts with what began it. All speeds together."
+    "What operating limits stop for, as shares of all time that add up to the time in STOP. A"
+    " verdict names the fault of the data without which its level would be higher: bounds that are"
+    " wider since a body broke them, a refused sample that may be true, a body that was hidden for"
+    " longer than usual, data that are late. Where it names several, the first one counts."
+    " **Plain** is a STOP without such a fault. One that is held counts with what began it. All"
+    " speeds together."
 )
 
 MISSED = (

@@ -84,11 +84,10 @@ class Stream:
             first. Shape (frames, 9).
         broke: Whether a sample in the last `DOUBT` seconds broke its bounds. Shape (frames, 9).
         messages: By frame.
-        accel: Bounds that are stated, in [m]/[s]². Shape (9,).
     """
 
     def __init__(self, recording: Recording, claim: Claim, clean: bool) -> None:
-        self._rate, self.accel = recording.rate, claim.accel
+        self._rate = recording.rate
         points, shown = recording.position, claim.shown
         sends = shown & claim.agrees if clean else shown
         frames = np.arange(len(points))[:, None]

@@ -21,10 +21,10 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.settings.separation_rule import HUMAN_SPEED
-from armguard.verdict import Effect, Level, PlanVerdict, Reason, ReasonKind, Verdict
+from armguard.verdict import Effect, Level, Reason, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.example_limits import PATTERNS_OF_REGIONS
-from scene.recorded_people import NAMES, RADII, People, Stream
+from scene.recorded_people import RADII, People
 from scene.touches import find_speed_limits
 from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
@@ -292,17 +292,17 @@ class MonitorRule(Rule):
     def _judge(self, moment: Moment) -> bool:
         self.verdict = self.monitor.step(moment.now, moment.arm.q, moment.arm.v)
         if self.verdict.level is Level.STOP:
-            self._note_cause(moment.now, self.verdict)
+            self._note_cause(self.verdict.reasons)
             return False
         self.speed_limit = self.verdict.speed_scale * self._speeds
         return True
 
-    def _note_cause(self, now: float, answer: Verdict | PlanVerdict) -> None:
+    def _note_cause(self, reasons: Iterable[Reason]) -> None:
         """Say why this is a STOP; of data as they come, what is wrong with them."""
         if self.clean:
-            self.cause = find_cause(answer.reasons)
-        elif not any(reason.kind is ReasonKind.HOLD for reason in answer.reasons):
-            self.cause = find_fault(answer, self._table, self._stream, self.setting, now)
+            self.cause = find_cause(reasons)
+        elif not any(reason.kind is ReasonKind.HOLD for reason in reasons):
+            self.cause = find_fault(reasons)
 
 
 class ContactTimeRule(MonitorRule):
@@ -358,7 +358,7 @@ class PieceRule(MonitorRule):
         if answer.safe:
             self._until = now + float(times[-1])
             return True
-        self._note_cause(now, answer)
+        self.cause = find_cause(answer.reasons)
         return left > 1e-9
 
 
@@ -379,36 +379,22 @@ def find_cause(reasons: Iterable[Reason]) -> str:
     return "unknown"
 
 
-WIDENED, REFUSED, HIDDEN = "widened bounds", "refused state", "hidden body"
-LATE, PLAIN = ReasonKind.LATE_DATA.text, "plain"
-FAULTS = (WIDENED, REFUSED, HIDDEN, LATE, PLAIN)
-"""What a STOP can rest on where data are as they come; plain: a body that is as it seems."""
+FAULT_KINDS = (
+    ReasonKind.WIDENED_BOUNDS,
+    ReasonKind.REFUSED_ALTERNATIVE,
+    ReasonKind.HIDDEN,
+    ReasonKind.LATE_DATA,
+    ReasonKind.LATE_DATA_UNKNOWN,
+)
+PLAIN = "plain"
+FAULTS = (*(kind.text for kind in FAULT_KINDS), PLAIN)
+"""What a STOP can rest on where data are as they come; plain: on none of these faults."""
 
-HIDDEN_FOR = 0.05
-"""A body counts as hidden once it was missing for longer than this, in [s]."""
 
-
-def find_fault(
-    answer: Verdict | PlanVerdict,
-    obstacles: Obstacles,
-    stream: Stream,
-    setting: Setting,
-    now: float,
-) -> str:
-    """What is wrong with what is known of the body that decides: one of `FAULTS`."""
-    table, body = obstacles.table, answer.obstacle
-    row = -1 if body is None else obstacles.row(body)
-    if body is None or table.unknown[row]:
-        return REFUSED
-    if table.accel[row] > stream.accel[NAMES.index(body)] * (1.0 + 1e-9):
-        return WIDENED
-    if table.refused[row]:
-        return REFUSED
-    if now - table.stamp[row] > setting.camera + HIDDEN_FOR:
-        return HIDDEN
-    if any(reason.kind is ReasonKind.LATE_DATA for reason in answer.reasons):
-        return LATE
-    return PLAIN
+def find_fault(reasons: Iterable[Reason]) -> str:
+    """Which fault of the data a STOP rests on: the first of `FAULTS` that is named."""
+    kinds = {reason.kind for reason in reasons}
+    return next((kind.text for kind in FAULT_KINDS if kind in kinds), PLAIN)
 
 
 def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:
