@@ -99,8 +99,7 @@ def play(
     for case in track(cases, f"{speed:g} rad/s", transient=True):
         people = People(case.path, place_base(*PLACEMENTS[case.placement]), {USUAL: BOUNDS[USUAL]})
         for cells, found in zip(rules, workplace.play(case, people), strict=True):
-            if not found.meets_itself:
-                scores.append(Score(*cells, speed, found.outcome))
+            scores.append(Score(*cells, speed, found.outcome))
     return scores
 
 

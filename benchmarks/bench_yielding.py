@@ -29,7 +29,6 @@ from scene.contestants import Scope
 from scene.limited import RULES, find_open_share
 from scene.plays import BEGIN, Obeyed
 from scene.results import make_table, milliseconds, percent
-from scene.self_contact import meets_itself
 from scene.working_arm import WorkingArm
 from scene.yielding_people import YieldingPeople
 
@@ -49,11 +48,9 @@ class Score(NamedTuple):
 
 
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
-    """One case: an arm obeys all rules, one after the other; none if it goes through itself."""
+    """One case: an arm obeys all rules, one after the other."""
     workplace = Workplace(Run(scope, (), 0, RATE, seconds), case.speed)
     trajectory = workplace.make_trajectory(case)
-    if meets_itself(trajectory, seconds):
-        return []
     people = YieldingPeople(
         case.path,
         place_base(*PLACEMENTS[case.placement]),
