@@ -41,8 +41,8 @@ from scene.stop_rules import MonitorRule, Oracle, PieceRule, Rule, Separation, S
 from scene.working_arm import WorkingArm
 
 JERK = 500.0  # of all joints, [rad/s³]
-LOOK_AHEADS = (0.0, 0.03, 0.06, 0.1)  # [s]; the one but last is the usual one
-USUAL = 0.06
+LOOK_AHEADS = (0.0, 0.03, 0.06, 0.1)  # [s]
+USUAL = 0.03  # [s], as a shield takes it by default
 PERIOD = 0.01  # of steps beside recordings, [s]
 FAST_PERIOD = 0.004  # of the run in which steps are timed, [s]
 ONE, PARTS = "10 m/s², 2 m/s", "by body part"
@@ -90,14 +90,14 @@ class Workplace:
         guaranteed = find_gentlest_stop(robot.brakes.make_curves(None), velocity)
         for setting in list_settings(run):
             given = robot, setting, PERIOD
-            is_usual = setting == Setting(run.reactions[0], 0.0, ONE)
+            is_fresh = (setting.reaction, setting.camera) == (run.reactions[0], 0.0)
             obeyed = MonitorRule(*given, "operating limits", operating=operating)
             self._rules += [("obeys levels", obeyed, False), ("obeys the scale", obeyed, True)]
             pieces = PieceRule(*given, "pieces", motion="planned", operating=operating)
             self._rules.append(("pieces", pieces, False))
             self._rules.append(("separation distance", Separation(*given, "separation"), False))
             self._rules.append(("knows the future", Oracle(*given, "oracle"), False))
-            for look_ahead in LOOK_AHEADS if is_usual else (USUAL,):
+            for look_ahead in LOOK_AHEADS if is_fresh else (USUAL,):
                 name = f"shield, {1e3 * look_ahead:g} ms ahead"
                 made = ShieldMover(robot, setting, PERIOD, operating, JERK, max(look_ahead, PERIOD))
                 self._movers.append((name, made))
@@ -117,15 +117,22 @@ class Workplace:
         run = self._run
         trajectory = recorded.make_trajectory(self.robot, self.fraction, case.path, 0, run.seconds)
         free = self._go_free(trajectory, people)
+        limits, setting = self._movers[0][1].limits, self._movers[0][1].setting
+        alone = FailsafeMover(Leaves(self.robot), limits, setting, PERIOD, goes_on=True)
+        free_moved = self._play(alone, people, trajectory).progress
         where = case.speed, people.name, case.placement
         for name, rule, by_scale in self._rules:
             arm = WorkingArm(trajectory)
             obeyed = self._stage.obey(people, arm, rule, run.seconds, by_scale=by_scale)
             yield Row(*where, name, rule.setting, free, _from_obeyed(obeyed))
         for name, mover in self._movers:
-            played = play(mover, self._leaves, people, trajectory, PERIOD, self._clock, run.seconds)
-            self._clock += run.seconds + 60.0
-            yield Row(*where, name, mover.setting, free, _from_shielded(played))
+            played = self._play(mover, people, trajectory)
+            yield Row(*where, name, mover.setting, free_moved, _from_shielded(played))
+
+    def _play(self, mover: Mover, people: People, trajectory: JointTrajectory) -> Shielded:
+        begin = self._clock
+        self._clock += self._run.seconds + 60.0
+        return play(mover, self._leaves, people, trajectory, PERIOD, begin, self._run.seconds)
 
     def time_steps(self, case: Case, people: People) -> np.ndarray:
         """What steps take at the usual rate, in [s]."""

@@ -23,6 +23,7 @@ from bench_recordings import (
     Run,
     Workplace,
     find_recordings,
+    make_trajectory,
     place_base,
 )
 from scene.contestants import Scope
@@ -50,7 +51,7 @@ class Score(NamedTuple):
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
     """One case: an arm obeys all rules, one after the other."""
     workplace = Workplace(Run(scope, (), 0, RATE, seconds), case.speed)
-    trajectory = workplace.make_trajectory(case)
+    trajectory = make_trajectory(workplace.robot, workplace.fraction, case.path, case.seed, seconds)
     people = YieldingPeople(
         case.path,
         place_base(*PLACEMENTS[case.placement]),

@@ -47,13 +47,21 @@ class FailsafeMover:
         limits: Of the arm's motions, its stops included.
         setting: What it has to live with.
         period: Of its steps, in [s].
+        goes_on: Whether it goes on whoever is there: an arm that obeys nobody.
     """
 
     clean = True
 
     def __init__(
-        self, leaves: Leaves, limits: MotionLimits, setting: Setting, period: float
+        self,
+        leaves: Leaves,
+        limits: MotionLimits,
+        setting: Setting,
+        period: float,
+        *,
+        goes_on: bool = False,
     ) -> None:
+        self._goes_on = goes_on
         self.limits, self.setting = limits, setting
         self.speed_limits = np.zeros(len(RADII))
         self._leaves, self._period = leaves, period
@@ -102,7 +110,7 @@ class FailsafeMover:
                 self._place = place[0]
             if place[0] < self._path.duration:
                 going = self._changes.go_and_stop(self._path, place, begin, self._period, 1.0)
-                if going is not None and self._is_safe(going, now):
+                if going is not None and (self._goes_on or self._is_safe(going, now)):
                     motion, is_new = going, True
         self._motion = motion
         times = np.append(now, np.linspace(begin, max(motion.end, begin + self._period), 40))

@@ -19,7 +19,7 @@ HEADER = Path(__file__).with_name("shield_head.md")
 RATE = 100.0
 """Of ticks, in [Hz]."""
 
-SHIELD, LIMITED = "shield, 60 ms ahead", "shield, contact limits"
+SHIELD, LIMITED = "shield, 30 ms ahead", "shield, contact limits"
 
 
 class Outcome(NamedTuple):
@@ -46,7 +46,7 @@ class Row(NamedTuple):
     name: str
     setting: Setting
     free: float
-    """How far an arm comes that obeys nobody, in [s]."""
+    """How far an arm of that kind comes that obeys nobody, in [s]."""
     outcome: Outcome
 
 
@@ -72,10 +72,13 @@ class Rows:
 
     def lost_free(self, *what: object) -> float:
         """The same in time in which no body is inside the arm's cover."""
-        played = [row.outcome.shielded for row in self.of(*what)]  # type: ignore[arg-type]
-        ticks = sum(one.free for one in played if one is not None)
+        rows = self.of(*what)  # type: ignore[arg-type]
+        played = [row.outcome.shielded for row in rows]
+        ticks = sum(one.ticks for one in played if one is not None)
+        free = sum(one.free for one in played if one is not None)
+        whole = sum(row.free for row in rows)
         done = sum(one.progress_free for one in played if one is not None)
-        return 1.0 - done * RATE / ticks if ticks else np.nan
+        return 1.0 - done * ticks / (whole * free) if free else np.nan
 
     def per_minute(self, field: str, *what: object) -> float:
         """How often something happened in a minute; NaN where it does not apply."""
