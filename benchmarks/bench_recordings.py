@@ -97,6 +97,37 @@ def place_base(x: float, y: float, degrees: float) -> np.ndarray:
     return placement
 
 
+def make_trajectory(
+    robot: Robot, fraction: float, path: Path, seed: int, seconds: float
+) -> JointTrajectory:
+    """What an arm does beside a recording: of random trajectories the first without itself.
+
+    Random ones are not planned around the arm, and no real arm can go through itself.
+
+    Args:
+        robot: The arm.
+        fraction: Of its velocity limits, that trajectories use at most.
+        path: Of the recording.
+        seed: Number of the trajectory beside it.
+        seconds: For which the arm is to follow it, in [s].
+    """
+    acceleration = np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
+    first = 100 * seed + find_recordings().index(path)
+    accept = keeps_within(robot, *WORKSPACE)
+    for number in itertools.count(first, NEXT_SEED):
+        trajectory = random_trajectory(
+            robot,
+            number,
+            TRAJECTORY,
+            speed_fraction=fraction,
+            acceleration_fraction=float(acceleration),
+            accept=accept,
+        )
+        if not meets_itself(trajectory, seconds):
+            break
+    return trajectory
+
+
 class Workplace:
     """An arm with the rules that judge it at one speed, which serve one case after the other.
 
@@ -113,7 +144,6 @@ class Workplace:
         self.robot = robot = Robot.load("panda")
         self._run, period = run, 1.0 / run.rate
         self.fraction = speed / float(np.max(robot.velocity_limit))
-        self._accept = keeps_within(robot, *WORKSPACE)
         self.stage = Stage(robot, period)
         self.rules = [
             rule
@@ -121,30 +151,10 @@ class Workplace:
             for rule in make_rules(robot, self.fraction, run.scope, setting, period)
         ]
 
-    def make_trajectory(self, case: Case) -> JointTrajectory:
-        """What the arm does in a case if it may: of random trajectories the first without itself.
-
-        Random ones are not planned around the arm, and no real arm can go through itself.
-        """
-        robot = self.robot
-        acceleration = np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
-        first = 100 * case.seed + find_recordings().index(case.path)
-        for seed in itertools.count(first, NEXT_SEED):
-            trajectory = random_trajectory(
-                robot,
-                seed,
-                TRAJECTORY,
-                speed_fraction=self.fraction,
-                acceleration_fraction=float(acceleration),
-                accept=self._accept,
-            )
-            if not meets_itself(trajectory, self._run.seconds):
-                break
-        return trajectory
-
     def play(self, case: Case, people: People) -> Iterator[Found]:
         """One case: all rules judge it, then they are obeyed one by one."""
-        run, trajectory = self._run, self.make_trajectory(case)
+        run = self._run
+        trajectory = make_trajectory(self.robot, self.fraction, case.path, case.seed, run.seconds)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed

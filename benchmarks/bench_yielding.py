@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
-from bench_recordings import Case, Workplace
+from bench_recordings import Case, Workplace, make_trajectory
 from scene.contestants import Scope
 from scene.limited import RULES, find_open_share
 from scene.plays import BEGIN, Obeyed
@@ -48,7 +48,7 @@ class Score(NamedTuple):
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
     """One case: an arm obeys all rules, one after the other."""
     workplace = Workplace(make_run(scope, seconds), case.speed)
-    trajectory = workplace.make_trajectory(case)
+    trajectory = make_trajectory(workplace.robot, workplace.fraction, case.path, case.seed, seconds)
     people = place_people(case, YieldingPeople, workplace.robot)
     arm = WorkingArm(trajectory)
     duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN) - BEGIN

@@ -77,7 +77,7 @@ class Shield:
         *,
         jerk: ArrayLike,
         rate: float = 250.0,
-        look_ahead: float = 0.06,
+        look_ahead: float = 0.03,
         chunk_period: float | None = None,
         tracking_error: ArrayLike = 0.001,
         velocity_tracking_error: ArrayLike = 0.01,
