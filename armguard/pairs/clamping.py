@@ -25,33 +25,16 @@ import numpy as np
 
 from armguard.bounds.free_body import free_displacement, length_above, top_speed
 from armguard.bounds.joint_table import JointTable, set_span
-from armguard.bounds.link_gaps import LinkGaps
+from armguard.bounds.link_gaps import find_closing_lever
 from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.gjk import distance_to_hull
-from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.obstacles.regions import NO_REGION
+from armguard.obstacles.regions import NO_REGION, ContactLimit
 from armguard.obstacles.table import Marks, States
-from armguard.robot.kinematics import ArmPlacement, SphereTree
-
-MOST_NEAR = 32
-"""Obstacles near one link that are looked at one by one; more of them count as one that is near."""
-
-
-class ClampRoom(NamedTuple):
-    """Room to work in."""
-
-    weight: FloatArray
-    """By how much a gap between links closes at most with a joint, in [m]. Shape (nv,)."""
-    near: IntArray
-    """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
-
-
-def make_room(joints: int) -> ClampRoom:
-    """Room for an arm with so many joints."""
-    return ClampRoom(np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
+from armguard.pairs.scene import Scene
 
 
 class Clamp(NamedTuple):
@@ -121,95 +104,72 @@ def is_obstacle_near(
 
 @kernel
 def find_near_obstacles(
-    centers: FloatArray,
-    lever: FloatArray,
-    tree: SphereTree,
-    room: ClampRoom,
+    scene: Scene,
     link: int,
+    row: int,
     table: JointTable,
     last: int,
-    bodies: States,
-    references: States,
-    marks: Marks,
-    row: int,
     now: float,
-    gap: float,
+    limit: ContactLimit,
 ) -> int:
-    """Fill `room.near` with the obstacles that a link can clamp a row against; how many there are.
+    """List the obstacles that a link can clamp a row against, until a node's time; how many.
 
-    More than fit in are counted, but not filled in.
+    `clamp_room.near` is filled with them. More than fit in are counted, but not filled in.
 
     Args:
-        centers: Of the arm's spheres, in [m]. Shape (n, 3).
-        lever: Of the arm's spheres, in [m]. Shape (n, nv).
-        tree: Of the spheres.
-        room: Written.
+        scene: The tick.
         link: Of the arm.
+        row: The one that may be touched.
         table: Where joints can be.
         last: Number of the node until whose time it is asked, above 0.
-        bodies: Accepted states of obstacles.
-        references: States of obstacles that all later ones are compared with.
-        marks: What is known of obstacles.
-        row: The one that may be touched.
         now: Time of the tick on the obstacles' clock, in [s].
-        gap: How near is near, in [m].
+        limit: Of the row: how near is near.
     """
+    tree, marks, near = scene.tree, scene.marks, scene.clamp_room.near
     node = tree.root[link]
+    center = scene.arm.centers[node]
     set_span(table, 0, last, 1.0)
-    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    gap = limit.gap + scene.settings.margin
+    reach = tree.radius[node] + gap + _reach(scene.arm.lever, node, table)
     count = 0
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
         # One that stands still is where it is: it has no reference state while nobody watches it.
-        states = bodies if marks.static[other] else references
-        is_near, _ = is_obstacle_near(
-            centers[node], reach, states, marks, other, now, table.time[last]
-        )
+        states = scene.bodies if marks.static[other] else scene.references
+        is_near, _ = is_obstacle_near(center, reach, states, marks, other, now, table.time[last])
         if is_near:
-            if count < room.near.shape[0]:
-                room.near[count] = other
+            if count < near.shape[0]:
+                near[count] = other
             count += 1
     return count
 
 
 @kernel
 def find_clamp(
-    placement: ArmPlacement,
-    lever: FloatArray,
-    tree: SphereTree,
-    gaps: LinkGaps,
-    room: ClampRoom,
+    scene: Scene,
     node: int,
     table: JointTable,
     last: int,
-    bodies: States,
-    references: States,
-    marks: Marks,
     now: float,
     near_count: int,
-    gap: float,
-    thickness: float,
+    limit: ContactLimit,
 ) -> Clamp:
     """What a sphere of the arm can clamp a body part against, until a node's time.
 
+    `clamp_room.weight` says how a gap between links closes.
+
     Args:
-        placement: Of the arm.
-        lever: Of the arm's spheres, in [m]. Shape (n, nv).
-        tree: Of the spheres.
-        gaps: How distances between links can vary.
-        room: With what `find_near_obstacles` filled in; its weights are written.
+        scene: The tick.
         node: The sphere.
         table: Where joints can be.
         last: Number of the node until whose time it is asked, above 0.
-        bodies: As for `find_near_obstacles`.
-        references: As there.
-        marks: What is known of obstacles.
         now: Time of the tick on the obstacles' clock, in [s].
-        near_count: What `find_near_obstacles` returned.
-        gap: How near is near, in [m].
-        thickness: How thick the part is at the least, in [m].
+        near_count: What `find_near_obstacles` returned, whose list is read.
+        limit: Of the part: how near is near, and how thick it is.
     """
+    placement, tree, gaps, room = scene.placement, scene.tree, scene.link_gaps, scene.clamp_room
+    lever, marks, gap = scene.arm.lever, scene.marks, limit.gap + scene.settings.margin
     centers, weight = placement.centers, room.weight
     set_span(table, 0, last, 1.0)
     size = table.box.span[2]
@@ -219,14 +179,17 @@ def find_clamp(
     by_link = False
     mine = placement.moves[placement.joint[node]]
     for c in range(gaps.parts.shape[0]):
-        if gaps.variation[node, c] <= thickness:
+        if gaps.variation[node, c] <= limit.thickness:
             continue
         part = gaps.parts[c]
         theirs = placement.moves[placement.joint[part]]
         closes = 0.0
         for j in range(joints):
             if mine[j] != theirs[j]:
-                closes += _weight_of(lever, tree, table, node if mine[j] else part, j) * size[j]
+                one = node if mine[j] else part
+                closes += (
+                    find_closing_lever(lever, tree.radius, table.box.turning, one, j) * size[j]
+                )
         dx, dy, dz = x - centers[part, 0], y - centers[part, 1], z - centers[part, 2]
         distance = np.sqrt(dx * dx + dy * dy + dz * dz)
         reach = tree.radius[node] + tree.radius[part] + gap + closes
@@ -237,15 +200,16 @@ def find_clamp(
         by_link = True
         for j in range(joints):
             if mine[j] != theirs[j]:
-                one = _weight_of(lever, tree, table, node if mine[j] else part, j)
-                weight[j] = max(weight[j], one)
+                one = node if mine[j] else part
+                arm = find_closing_lever(lever, tree.radius, table.box.turning, one, j)
+                weight[j] = max(weight[j], arm)
     if near_count > room.near.shape[0]:
         return Clamp(by_link, True, np.inf)
     by_obstacle, fastest = False, 0.0
     reach = tree.radius[node] + gap + _reach(lever, node, table)
     for k in range(near_count):
         other = room.near[k]
-        states = bodies if marks.static[other] else references
+        states = scene.bodies if marks.static[other] else scene.references
         is_near, speed = is_obstacle_near(
             centers[node], reach, states, marks, other, now, table.time[last]
         )
@@ -253,15 +217,6 @@ def find_clamp(
             by_obstacle = True
             fastest = max(fastest, speed)
     return Clamp(by_link, by_obstacle, fastest)
-
-
-@kernel
-def _weight_of(lever: FloatArray, tree: SphereTree, table: JointTable, node: int, j: int) -> float:
-    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides."""
-    reach = lever[node, j]
-    if table.box.turning[j]:
-        reach += tree.radius[node]
-    return reach
 
 
 @kernel

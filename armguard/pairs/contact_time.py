@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.joint_table import JointTable
 from armguard.bounds.surface_speed import find_harmless_node, harmless_time
 from armguard.bounds.table_time import (
     ArmSphere,
@@ -33,7 +32,6 @@ from armguard.obstacles.possible_states import is_known, possible_states, state_
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.clamping import (
-    Clamp,
     find_clamp,
     find_near_obstacles,
     find_short_way_node,
@@ -320,35 +318,6 @@ def moves_of(scene: Scene, node: int) -> BoolArray:
 
 
 @kernel
-def find_near(
-    scene: Scene, link: int, row: int, table: JointTable, last: int, now: float, gap: float
-) -> int:
-    """List the obstacles that a link can clamp a row against, until a node's time; how many."""
-    return find_near_obstacles(
-        scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table, last,
-        scene.bodies, scene.references, scene.marks, row, now, gap + scene.settings.margin,
-    )  # fmt: skip
-
-
-@kernel
-def find_sphere_clamp(
-    scene: Scene,
-    node: int,
-    table: JointTable,
-    last: int,
-    now: float,
-    near_count: int,
-    limit: ContactLimit,
-) -> Clamp:
-    """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
-    return find_clamp(
-        scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, scene.clamp_room, node,
-        table, last, scene.bodies, scene.references, scene.marks, now, near_count,
-        limit.gap + scene.settings.margin, limit.thickness,
-    )  # fmt: skip
-
-
-@kernel
 def find_harm_time(
     scene: Scene, link: int, row: int, now: float, limit: ContactLimit, contact_time: float
 ) -> float:
@@ -379,8 +348,11 @@ def find_harm_time(
         last += 1
     # Half as long each time, until nothing can be near by then, or nothing is gained.
     while table.time[last] > contact_time:
-        clamp = find_sphere_clamp(scene, node, table, last, now, 0, limit)
-        if not clamp.by_link and find_near(scene, link, row, table, last, now, limit.gap) == 0:
+        clamp = find_clamp(scene, node, table, last, now, 0, limit)
+        if (
+            not clamp.by_link
+            and find_near_obstacles(scene, link, row, table, last, now, limit) == 0
+        ):
             harmless = min(time, table.time[last] * (1.0 - SUM_ROUNDING))
             return max(contact_time, harmless)
         last //= 2
@@ -403,12 +375,12 @@ def _is_sphere_harmless(
 ) -> tuple[bool, float]:
     """Whether a sphere is harmless for good before a contact, and a bound on its speed then.
 
-    In [m]/[s]. `near_count` is what `find_near` found for the link.
+    In [m]/[s]. `near_count` is what `find_near_obstacles` found for the link.
     """
     sphere, table = sphere_of(scene, node), scene.braking
     last = table.time.shape[0] - 1
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
-    clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
+    clamp = find_clamp(scene, node, table, last, now, near_count, limit)
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed)
     if clamp.by_link or clamp.by_obstacle:
         short = find_short_way_node(
@@ -469,7 +441,7 @@ def rests_in_time(
                 is_safe = is_free_at_once(sphere_of(scene, node), table, hull, distance)
                 if not is_safe:
                     if near_count < 0:
-                        near_count = find_near(scene, link, row, table, last, now, limit.gap)
+                        near_count = find_near_obstacles(scene, link, row, table, last, now, limit)
                     is_safe, speed = _is_sphere_harmless(
                         scene, node, hull, distance, limit, near_count, now
                     )

@@ -20,9 +20,15 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
-from armguard.pairs.clamping import make_room
 from armguard.pairs.contact_time import RESTS, arm_reach_time, pair_time, rests_in_time
-from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
+from armguard.pairs.scene import (
+    UNKNOWN,
+    ArmArrays,
+    Scene,
+    Settings,
+    make_clamp_room,
+    prepare_arm,
+)
 from armguard.robot.kinematics import Kinematics
 
 NO_LIMIT = 2**62
@@ -80,7 +86,7 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._clamp_room = make_room(motion.joint.lever.shape[1])
+        self._clamp_room = make_clamp_room(motion.joint.lever.shape[1])
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)

@@ -18,7 +18,6 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import separate_kernel
 from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
-from armguard.pairs.clamping import ClampRoom
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
 UNKNOWN, REACH, ISOTROPIC, JOINT = range(4)
@@ -56,6 +55,24 @@ class ArmArrays(NamedTuple):
     """What each link cannot leave: centre and radius, [m]. Shape (links, 4)."""
     arm_ball: FloatArray
     """What the arm cannot leave: centre and radius, [m]. Shape (4,)."""
+
+
+MOST_NEAR = 32
+"""Obstacles near one link that are looked at one by one; more of them count as one that is near."""
+
+
+class ClampRoom(NamedTuple):
+    """Room to work in for `clamping`."""
+
+    weight: FloatArray
+    """By how much a gap between links closes at most with a joint, in [m]. Shape (nv,)."""
+    near: IntArray
+    """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
+
+
+def make_clamp_room(joints: int) -> ClampRoom:
+    """Room for an arm with so many joints."""
+    return ClampRoom(np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
 
 
 class Settings(NamedTuple):

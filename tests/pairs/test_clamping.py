@@ -12,15 +12,16 @@ from armguard.obstacles import Obstacles
 from armguard.obstacles.reference_states import keep_reference_state
 from armguard.obstacles.regions import ContactLimit, RegionLimits
 from armguard.pairs.clamping import (
-    MOST_NEAR,
     Clamp,
+    find_clamp,
+    find_near_obstacles,
     find_short_way_node,
     is_obstacle_near,
     is_same_person,
 )
-from armguard.pairs.contact_time import find_near, find_sphere_clamp, moves_of, sphere_of
+from armguard.pairs.contact_time import moves_of, sphere_of
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import prepare_arm
+from armguard.pairs.scene import MOST_NEAR, prepare_arm
 from armguard.robot.kinematics import Kinematics
 from support.example_arms import load_arm
 
@@ -49,9 +50,9 @@ def ask_clamp(handle, link, node, row, brakes, gap, thickness):
     scene = handle.content
     table = scene.braking if brakes else scene.table
     last = table.time.shape[0] - 1
-    near = find_near(scene, link, row, table, last, NOW, gap)
     limit = ContactLimit(1.0, 1.0, gap, thickness)
-    return near, find_sphere_clamp(scene, node, table, last, NOW, near, limit)
+    near = find_near_obstacles(scene, link, row, table, last, NOW, limit)
+    return near, find_clamp(scene, node, table, last, NOW, near, limit)
 
 
 @kernel

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from armguard.bounds.link_gaps import find_closing_lever
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
@@ -47,22 +48,16 @@ def place_parts(arm: ArmShape, placement: FloatArray) -> FloatArray:
 
 
 @kernel
-def _weight_of(arm: ArmShape, node: int, j: int) -> float:
-    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides."""
-    reach: float = arm.lever[node, j]
-    if arm.box.turning[j]:
-        reach += arm.tree.radius[node]
-    return reach
-
-
-@kernel
 def _close(arm: ArmShape, node: int, part: int, ways: FloatArray) -> float:
     """By how much the distance of two spheres can change while joints go so far, (nv,), in [m]."""
     mine, theirs = arm.moves[arm.carrier[node]], arm.moves[arm.carrier[part]]
     closes = 0.0
     for j in range(ways.shape[0]):
         if mine[j] != theirs[j]:
-            closes += _weight_of(arm, node if mine[j] else part, j) * ways[j]
+            one = node if mine[j] else part
+            closes += (
+                find_closing_lever(arm.lever, arm.tree.radius, arm.box.turning, one, j) * ways[j]
+            )
     return closes * (1.0 + SUM_ROUNDING)
 
 
