@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
-from armguard.jit.kernels import kernel
 from armguard.jit.numerics import VARIATION_SLACK
 from armguard.robot.kinematics import Kinematics, SphereTree
 
@@ -81,25 +80,6 @@ def make_link_gaps(
             variation[parent] = np.maximum(variation[parent], variation[node])
     reach = lever + np.where(turning, tree.radius[:, None], 0.0) * moves
     return LinkGaps(parts, variation, reach.max(axis=0))
-
-
-@kernel
-def find_closing_lever(
-    lever: FloatArray, radius: FloatArray, turning: BoolArray, node: int, j: int
-) -> float:
-    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides.
-
-    Args:
-        lever: R_j of the arm's spheres, in [m]. Shape (n, nv).
-        radius: Of the spheres, in [m]. Shape (n,).
-        turning: Which joints are revolute. Shape (nv,).
-        node: The sphere.
-        j: The joint.
-    """
-    reach: float = lever[node, j]
-    if turning[j]:
-        reach += radius[node]
-    return reach
 
 
 def _find_variation(

@@ -12,20 +12,22 @@ What a link can clamp a part against:
   joint those spheres count whose distance can vary by more than the part is thick, as in an elbow
   that folds.
 
-Whatever is uncertain counts as near. The way between two links is bounded by levers: their distance
-depends on the joints between them alone, and by a radian of one of these it changes by no more than
-a point of the link that this joint moves can be away from its axis.
+Whatever is uncertain counts as near. How a gap between two links closes, `closing` bounds joint by
+joint. What is pressed may slip from one link to another, so what counts in each step is the gap
+that closes most in it.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.closing import fill_arms, find_approach
 from armguard.bounds.free_body import free_displacement, length_above, top_speed
+from armguard.bounds.joint_box import JointBox
 from armguard.bounds.joint_table import JointTable, set_span
-from armguard.bounds.link_gaps import find_closing_lever
 from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.gjk import distance_to_hull
@@ -34,14 +36,14 @@ from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.regions import NO_REGION, ContactLimit
 from armguard.obstacles.table import Marks, States
-from armguard.pairs.scene import Scene
+from armguard.pairs.scene import Scene, sphere_of
 
 
 class Clamp(NamedTuple):
     """What a sphere of the arm can clamp a body part against."""
 
-    by_link: bool
-    """Whether against another link; `ClampRoom.weight` says how the gap closes."""
+    links: int
+    """Against so many parts of other links; `ClampRoom.closing` says how gaps close."""
     by_obstacle: bool
     """Whether against an obstacle."""
     obstacle_speed: float
@@ -146,6 +148,62 @@ def find_near_obstacles(
 
 
 @kernel
+def _find_most(scene: Scene, box: JointBox) -> float:
+    """By how much any two spheres of the arm come nearer at most in a box, in [m]."""
+    weight, most = scene.link_gaps.weight, 0.0
+    for j in range(weight.shape[0]):
+        most += weight[j] * (box.span[2, j] + box.position_error[j])
+    return most * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def _is_part_near(
+    scene: Scene, sphere: ArmSphere, node: int, c: int, box: JointBox, most: float, gap: float
+) -> bool:
+    """Whether a sphere that stands for a link can come near another; fills `clamp_room.pair`.
+
+    Args:
+        scene: The tick.
+        sphere: The other one.
+        node: Its number.
+        c: Which of the parts stands for a link.
+        box: Where joints are.
+        most: By how much any two spheres come nearer there, in [m].
+        gap: How near is near, in [m].
+    """
+    placement, radius, pair = scene.placement, scene.tree.radius, scene.clamp_room.pair
+    part = scene.link_gaps.parts[c]
+    other = sphere_of(scene, part)
+    dx, dy, dz = other.x - sphere.x, other.y - sphere.y, other.z - sphere.z
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
+    place = abs(sphere.x) + abs(sphere.y) + abs(sphere.z)
+    distance -= radius[node] + radius[part] + gap + SUM_ROUNDING * place
+    if distance > most:
+        return False
+    mine, theirs = placement.moves[placement.joint[node]], placement.moves[placement.joint[part]]
+    fill_arms(sphere, radius[node], mine, other, radius[part], theirs, box, pair)
+    return not distance > find_approach(pair, box)
+
+
+@kernel
+def can_links_clamp(
+    scene: Scene, node: int, table: JointTable, last: int, limit: ContactLimit
+) -> bool:
+    """Whether a sphere can clamp a body part against another link, until a node's time.
+
+    Arguments as for `find_clamp`.
+    """
+    gaps, gap = scene.link_gaps, limit.gap + scene.settings.margin
+    set_span(table, 0, last, 1.0)
+    sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
+    for c in range(gaps.parts.shape[0]):
+        varies = gaps.variation[node, c] > limit.thickness
+        if varies and _is_part_near(scene, sphere, node, c, table.box, most, gap):
+            return True
+    return False
+
+
+@kernel
 def find_clamp(
     scene: Scene,
     node: int,
@@ -157,7 +215,7 @@ def find_clamp(
 ) -> Clamp:
     """What a sphere of the arm can clamp a body part against, until a node's time.
 
-    `clamp_room.weight` says how a gap between links closes.
+    `clamp_room.closing` is filled with how gaps between links close.
 
     Args:
         scene: The tick.
@@ -168,71 +226,60 @@ def find_clamp(
         near_count: What `find_near_obstacles` returned, whose list is read.
         limit: Of the part: how near is near, and how thick it is.
     """
-    placement, tree, gaps, room = scene.placement, scene.tree, scene.link_gaps, scene.clamp_room
-    lever, marks, gap = scene.arm.lever, scene.marks, limit.gap + scene.settings.margin
-    centers, weight = placement.centers, room.weight
+    tree, gaps, room = scene.tree, scene.link_gaps, scene.clamp_room
+    marks, gap = scene.marks, limit.gap + scene.settings.margin
     set_span(table, 0, last, 1.0)
-    size = table.box.span[2]
-    x, y, z = centers[node, 0], centers[node, 1], centers[node, 2]
-    joints = weight.shape[0]
-    weight[:] = 0.0
-    by_link = False
-    mine = placement.moves[placement.joint[node]]
+    sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
+    count = 0
     for c in range(gaps.parts.shape[0]):
-        if gaps.variation[node, c] <= limit.thickness:
-            continue
-        part = gaps.parts[c]
-        theirs = placement.moves[placement.joint[part]]
-        closes = 0.0
-        for j in range(joints):
-            if mine[j] != theirs[j]:
-                one = node if mine[j] else part
-                closes += (
-                    find_closing_lever(lever, tree.radius, table.box.turning, one, j) * size[j]
-                )
-        dx, dy, dz = x - centers[part, 0], y - centers[part, 1], z - centers[part, 2]
-        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-        reach = tree.radius[node] + tree.radius[part] + gap + closes
-        for j in range(joints):
-            reach += (lever[node, j] + lever[part, j]) * table.box.position_error[j]
-        if distance > reach * (1.0 + SUM_ROUNDING) + SUM_ROUNDING * (abs(x) + abs(y) + abs(z)):
-            continue
-        by_link = True
-        for j in range(joints):
-            if mine[j] != theirs[j]:
-                one = node if mine[j] else part
-                arm = find_closing_lever(lever, tree.radius, table.box.turning, one, j)
-                weight[j] = max(weight[j], arm)
+        varies = gaps.variation[node, c] > limit.thickness
+        if varies and _is_part_near(scene, sphere, node, c, table.box, most, gap):
+            for j in range(gaps.weight.shape[0]):
+                room.closing[count, 0, j] = room.pair.forth[j]
+                room.closing[count, 1, j] = room.pair.back[j]
+            count += 1
     if near_count > room.near.shape[0]:
-        return Clamp(by_link, True, np.inf)
+        return Clamp(count, True, np.inf)
     by_obstacle, fastest = False, 0.0
-    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    center = scene.arm.centers[node]
+    reach = tree.radius[node] + gap + _reach(scene.arm.lever, node, table)
     for k in range(near_count):
         other = room.near[k]
         states = scene.bodies if marks.static[other] else scene.references
         is_near, speed = is_obstacle_near(
-            centers[node], reach, states, marks, other, now, table.time[last]
+            center, reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             by_obstacle = True
             fastest = max(fastest, speed)
-    return Clamp(by_link, by_obstacle, fastest)
+    return Clamp(count, by_obstacle, fastest)
 
 
 @kernel
-def _closing_way(table: JointTable, weight: FloatArray, node: int) -> float:
-    """By how much the gaps between links can still close from a node's time on, in [m]."""
-    last = table.time.shape[0] - 1
-    way = 0.0
-    for j in range(weight.shape[0]):
-        if not weight[j] > 0.0:
-            continue
-        travel = 0.0
-        for k in range(node, last):
-            pace = max(table.fastest[k, j], -table.slowest[k, j])
-            travel += pace * (table.time[k + 1] - table.time[k])
-        way += weight[j] * travel
-    return way * (1.0 + SUM_ROUNDING)
+def _find_closed_node(table: JointTable, closing: FloatArray, count: int, max_way: float) -> int:
+    """From which node on gaps between links close by no more than a way until the arm rests."""
+    way, node = 0.0, table.time.shape[0] - 1
+    while node > 0:
+        duration = (table.time[node] - table.time[node - 1]) * (1.0 + SUM_ROUNDING)
+        most = 0.0
+        for c in range(count):
+            rate = 0.0
+            for j in range(table.box.turning.shape[0]):
+                forth, back = closing[c, 0, j], closing[c, 1, j]
+                # What closes nothing may be as fast as it likes.
+                if forth > 0.0:
+                    forth *= table.fastest[node - 1, j]
+                if back > 0.0:
+                    back *= -table.slowest[node - 1, j]
+                # The greater of both; no number where either is none.
+                rate += 0.5 * (forth + back + abs(forth - back))
+            if not rate <= most:
+                most = rate
+        way += most * duration
+        if not way <= max_way:
+            break
+        node -= 1
+    return node
 
 
 @kernel
@@ -241,7 +288,7 @@ def find_short_way_node(
     radius: float,
     moves: BoolArray,
     table: JointTable,
-    weight: FloatArray,
+    closing: FloatArray,
     clamp: Clamp,
     max_way: float,
 ) -> int:
@@ -252,7 +299,7 @@ def find_short_way_node(
         radius: Its radius, in [m].
         moves: Which joints move it. Shape (nv,).
         table: Of an arm that brakes until it rests, with velocities.
-        weight: That of the room that `find_clamp` wrote. Shape (nv,).
+        closing: That of the room that `find_clamp` filled.
         clamp: What that returned.
         max_way: The way, in [m].
     """
@@ -260,18 +307,16 @@ def find_short_way_node(
     count = set_joints(sphere, moves, table.box)
     if not (count >= 0 and max_way > 0.0):
         return last
-    sooner, later = -1, last
+    first = _find_closed_node(table, closing, clamp.links, max_way)
+    if not clamp.by_obstacle:
+        return first
+    sooner, later = first - 1, last
     # Invariant: the way is short enough from `later` on, and not known to be from `sooner` on.
     while later - sooner > 1:
         middle = (sooner + later) // 2
-        is_short = True
-        if clamp.by_link:
-            is_short = _closing_way(table, weight, middle) <= max_way
-        if is_short and clamp.by_obstacle:
-            way = way_from(radius, count, table, middle)
-            way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
-            is_short = way <= max_way
-        if is_short:
+        way = way_from(radius, count, table, middle)
+        way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
+        if way <= max_way:
             later = middle
         else:
             sooner = middle

@@ -18,7 +18,6 @@ import numpy as np
 
 from armguard.bounds.surface_speed import find_harmless_node, harmless_time
 from armguard.bounds.table_time import (
-    ArmSphere,
     is_free_at_once,
     is_free_until,
     table_contact_time,
@@ -32,11 +31,12 @@ from armguard.obstacles.possible_states import is_known, possible_states, state_
 from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.clamping import (
+    can_links_clamp,
     find_clamp,
     find_near_obstacles,
     find_short_way_node,
 )
-from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene
+from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene, sphere_of
 
 REACH_ADVANCES = 2
 """Steps of conservative advancement against what stands still: the second is nearly always last."""
@@ -53,16 +53,6 @@ def hull_of(bodies: States, row: int, age: float) -> Hull:
     """A body with what holds it back; its age in [s]."""
     bounds = bounds_of(bodies, row, age)
     return Hull(bodies.points[row], bodies.velocities[row], bodies.point_count[row], bounds)
-
-
-@kernel
-def sphere_of(scene: Scene, node: int) -> ArmSphere:
-    """A sphere of the arm whose joints are bounded."""
-    arm = scene.arm
-    return ArmSphere(
-        arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
-        scene.placement.jacobian.T, arm.lever[node], arm.slope_error[node],
-    )  # fmt: skip
 
 
 @kernel
@@ -339,20 +329,26 @@ def find_harm_time(
         contact_time: Of both, in [s].
     """
     table, node = scene.table, scene.tree.root[link]
+    end = table.time.shape[0] - 1
+    first = 0
+    while first < end and not table.time[first] > contact_time:
+        first += 1
+    if not table.time[first] > contact_time:
+        return contact_time
+    # Most links are near others of the arm by then already.
+    if can_links_clamp(scene, node, table, first, limit):
+        return contact_time
     time: float = harmless_time(
         sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), table,
         limit.max_speed,
     )  # fmt: skip
-    last = 0
+    last = first
     while table.time[last] < time:
         last += 1
     # Half as long each time, until nothing can be near by then, or nothing is gained.
     while table.time[last] > contact_time:
-        clamp = find_clamp(scene, node, table, last, now, 0, limit)
-        if (
-            not clamp.by_link
-            and find_near_obstacles(scene, link, row, table, last, now, limit) == 0
-        ):
+        clamps = can_links_clamp(scene, node, table, last, limit)
+        if not clamps and find_near_obstacles(scene, link, row, table, last, now, limit) == 0:
             harmless = min(time, table.time[last] * (1.0 - SUM_ROUNDING))
             return max(contact_time, harmless)
         last //= 2
@@ -382,9 +378,9 @@ def _is_sphere_harmless(
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
     clamp = find_clamp(scene, node, table, last, now, near_count, limit)
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed)
-    if clamp.by_link or clamp.by_obstacle:
+    if clamp.links > 0 or clamp.by_obstacle:
         short = find_short_way_node(
-            sphere, radius, moves, table, scene.clamp_room.weight, clamp, limit.max_way
+            sphere, radius, moves, table, scene.clamp_room.closing, clamp, limit.max_way
         )
         harmless = max(harmless, short)
     if harmless == 0 or is_free_until(sphere, table, hull, distance, harmless):

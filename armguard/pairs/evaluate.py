@@ -86,7 +86,7 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._clamp_room = make_clamp_room(motion.joint.lever.shape[1])
+        self._clamp_room = make_clamp_room(motion.joint.lever.shape[1], len(motion.link_gaps.parts))
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)

@@ -1,8 +1,6 @@
 """How far an arm on a course can still close a gap between two of its links.
 
-A body part that is between two links is pressed by what their distance still falls. That depends on
-the joints between the two alone: by a radian of one of these it changes by no more than a point of
-the link that this joint moves can be away from its axis.
+A body part that is between two links is pressed by what the gap between them still closes.
 """
 
 from __future__ import annotations
@@ -11,7 +9,8 @@ import math
 
 import numpy as np
 
-from armguard.bounds.link_gaps import find_closing_lever
+from armguard.bounds.closing import fill_arms, find_approach, find_closing
+from armguard.bounds.joint_box import Vector
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
@@ -19,9 +18,11 @@ from armguard.bounds.planned.course import (
     find_center,
     find_frame,
 )
+from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.regions import ContactLimit
 
 
 @kernel
@@ -48,59 +49,71 @@ def place_parts(arm: ArmShape, placement: FloatArray) -> FloatArray:
 
 
 @kernel
-def _close(arm: ArmShape, node: int, part: int, ways: FloatArray) -> float:
-    """By how much the distance of two spheres can change while joints go so far, (nv,), in [m]."""
-    mine, theirs = arm.moves[arm.carrier[node]], arm.moves[arm.carrier[part]]
-    closes = 0.0
-    for j in range(ways.shape[0]):
-        if mine[j] != theirs[j]:
-            one = node if mine[j] else part
-            closes += (
-                find_closing_lever(arm.lever, arm.tree.radius, arm.box.turning, one, j) * ways[j]
-            )
-    return closes * (1.0 + SUM_ROUNDING)
+def _sphere_of(
+    arm: ArmShape, course: PlannedCourse, frame: int, node: int, place: Vector
+) -> ArmSphere:
+    """A sphere with its centre in the world in the middle of a slab, in [m]."""
+    x, y, z = place
+    return ArmSphere(x, y, z, course.jacobian[frame], arm.lever[node], arm.exact)
 
 
 @kernel
 def find_closing_way(
-    node: int, slab: int, gap: float, thickness: float, course: PlannedCourse, arm: ArmShape
+    node: int, slab: int, limit: ContactLimit, course: PlannedCourse, arm: ArmShape
 ) -> float:
-    """How far any link can still close in on a sphere of another one that it is near to, in [m].
+    """By how much gaps between a sphere and other links close from a slab on, in [m].
+
+    What is pressed may slip from one link to another, so what counts in each block of slabs is the
+    gap that closes most there, of those that are near.
 
     Args:
         node: The sphere.
         slab: From when on.
-        gap: How near is near, in [m].
-        thickness: By how much the distance from a neighbouring link must be able to vary, in [m].
+        limit: Of what is pressed: how near is near, which neighbours count, and beyond which way
+            nothing is permitted, so that it need not be known any better.
         course: With velocities.
         arm: Its shape, with `gaps`.
 
     Returns:
         0 where no other link comes near from then on; what is no number counts as near.
     """
-    speeds = course.speeds.content
-    slabs = course.start.shape[0]
-    closing = 0.0
-    joints = speeds.block_half.shape[1]
+    speeds, arms, span = course.speeds.content, arm.arms, arm.box.span
+    slabs, joints = course.start.shape[0], course.half.shape[1]
+    mine, radius = arm.moves[arm.carrier[node]], arm.tree.radius[node]
+    total = 0.0
     for block in range(slab // BLOCK, (slabs + BLOCK - 1) // BLOCK):
-        half = speeds.block_half[block]
+        half, frame = speeds.block_half[block], find_frame(block, slabs)
+        begin, end = max(slab, block * BLOCK), (block + 1) * BLOCK
         # No pair of spheres comes nearer by more than this within the block.
         most = 0.0
         for j in range(joints):
             most += arm.gaps.weight[j] * half[j]
-        x, y, z = find_center(arm, course.placement[find_frame(block, slabs)], node)
+            span[0, j], span[1, j], span[2, j] = half[j], -half[j], half[j]
+            for k in range(3):
+                arms.ways[k, j] = speeds.ways[k, begin, j] * (1.0 + SUM_ROUNDING)
+                if end < slabs:
+                    arms.ways[k, j] -= speeds.ways[k, end, j]
+        place = find_center(arm, course.placement[frame], node)
+        sphere = _sphere_of(arm, course, frame, node, place)
+        closing = 0.0
         for c in range(arm.gaps.parts.shape[0]):
-            if arm.gaps.variation[node, c] <= thickness:
+            if arm.gaps.variation[node, c] <= limit.thickness:
                 continue
-            part = arm.gaps.parts[c]
-            center = speeds.part_centers[block, c]
-            dx, dy, dz = x - center[0], y - center[1], z - center[2]
+            part, center = arm.gaps.parts[c], speeds.part_centers[block, c]
+            dx, dy, dz = place[0] - center[0], place[1] - center[1], place[2] - center[2]
             distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
-            distance -= arm.tree.radius[node] + arm.tree.radius[part] + gap
-            if distance > most or distance > _close(arm, node, part, half):
+            distance -= radius + arm.tree.radius[part] + limit.gap
+            if distance > most:
                 continue
-            ways = speeds.whole[slab]
-            way = _close(arm, node, part, ways)
+            other = _sphere_of(arm, course, frame, part, (center[0], center[1], center[2]))
+            theirs = arm.moves[arm.carrier[part]]
+            fill_arms(sphere, radius, mine, other, arm.tree.radius[part], theirs, arm.box, arms)
+            if distance > find_approach(arms, arm.box):
+                continue
+            way = find_closing(arms)
             if not way <= closing:
                 closing = way
-    return closing
+        total += closing
+        if not total <= limit.max_way:
+            return math.inf
+    return total

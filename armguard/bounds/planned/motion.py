@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.checks import check_question
+from armguard.bounds.closing import make_arms
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import JointLimits, read_limits
 from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
@@ -89,6 +90,7 @@ class PlannedMotion:
             exact=np.zeros(len(turning)),
             moves=self._kinematics.placement.moves,
             gaps=make_no_gaps() if gaps is None else gaps,
+            arms=make_arms(len(turning)),
         )
         self._no_limits = make_no_limits()
         self._still = np.zeros(len(robot.joints))
