@@ -282,6 +282,7 @@ def test_who_is_of_one_person():
     for name, source, region in [
         ("p1/hand", "a", "hand"), ("p1/head", "a", "head"), ("p2/hand", "a", "hand"),
         ("p1/hand", "b", "hand"), ("p1/table", "a", ""),
+        ("p1", "a", "chest"), ("hand", "a", "hand"), ("head", "a", "head"), ("/arm", "a", "hand"),
     ]:  # fmt: skip
         obstacles.update(
             [name], NOW, [[2.0, 0.0, 0.0]], [[0.0] * 3], radius=0.1, source=source, region=region
@@ -289,15 +290,19 @@ def test_who_is_of_one_person():
     _, kinematics, motion, _ = arm_of("panda")
     none = RegionLimits(*(np.zeros(0) for _ in range(4)))
     state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
-    first = obstacles.row("p1/hand", "a")
 
-    def is_same(name, source="a"):
-        return ask_person(state.handle, first, obstacles.row(name, source))
+    def is_same(name, source="a", first="p1/hand"):
+        rows = obstacles.row(first, "a"), obstacles.row(name, source)
+        return ask_person(state.handle, *rows)
 
     assert is_same("p1/head")
     assert not is_same("p2/hand")
     assert not is_same("p1/hand", "b")
     assert not is_same("p1/table")
+    # Ids that name no person may be of two.
+    for name in ("p1", "hand", "/arm"):
+        assert not is_same(name)
+        assert not is_same("head", first=name)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
