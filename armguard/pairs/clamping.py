@@ -11,6 +11,7 @@ What a link can clamp a part against:
 - Another link of the arm, as far as joints between the two can move. Of two links that share a
   joint those spheres count whose distance can vary by more than the part is thick, as in an elbow
   that folds.
+- What of the arm no joint moves, its base: balls stand for that.
 
 Whatever is uncertain counts as near. The way between two links is bounded by levers: their distance
 depends on the joints between them alone, and by a radian of one of these it changes by no more than
@@ -203,6 +204,24 @@ def find_clamp(
                 one = node if mine[j] else part
                 arm = find_closing_lever(lever, tree.radius, table.box.turning, one, j)
                 weight[j] = max(weight[j], arm)
+    closes = 0.0
+    for j in range(joints):
+        if mine[j]:
+            arm = find_closing_lever(lever, tree.radius, table.box.turning, node, j)
+            closes += arm * size[j] + lever[node, j] * table.box.position_error[j]
+    for c in range(gaps.base.shape[0]):
+        ball = gaps.base[c]
+        dx, dy, dz = x - ball[0], y - ball[1], z - ball[2]
+        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
+        reach = tree.radius[node] + ball[3] + gap + closes
+        if distance > reach * (1.0 + SUM_ROUNDING) + SUM_ROUNDING * (abs(x) + abs(y) + abs(z)):
+            continue
+        by_link = True
+        for j in range(joints):
+            if mine[j]:
+                arm = find_closing_lever(lever, tree.radius, table.box.turning, node, j)
+                weight[j] = max(weight[j], arm)
+        break  # it closes in on all of the base alike
     if near_count > room.near.shape[0]:
         return Clamp(by_link, True, np.inf)
     by_obstacle, fastest = False, 0.0

@@ -167,6 +167,9 @@ def test_nothing_that_could_clamp_is_missed(name):
                 apart -= tree.radius + tree.radius[leaf]
                 between = (moves != moves[leaf]).sum(axis=1)
                 by_link = bool((apart[leaves] <= GAP)[between[leaves] > 1].any())
+                for points in world.robot.fixed_points().values():
+                    away = distance_to_hull(centers[leaf], points, world.random)
+                    by_link |= bool(away <= tree.radius[leaf] + GAP)
                 reach = tree.radius[leaf] + 0.03 + GAP
                 by_obstacle = any(
                     distance_to_hull(centers[leaf], points, world.random) <= reach
@@ -380,6 +383,16 @@ def way_between(world, node, part):
     return (arms * table.box.span[2])[moved[node] != moved[part]].sum() + errors
 
 
+def way_to_base(world, node):
+    """How far a sphere can come nearer to what no joint moves by then, in [m]."""
+    placement, table = world.kinematics.placement, world.motion.braking.table
+    lever, radius = world.motion.joint.lever[node], world.kinematics.spheres.tree.radius[node]
+    moved = placement.moves[placement.joint[node]]
+    set_span(table, 0, len(table.time) - 1, 1.0)
+    arms = lever + np.where(table.box.turning, radius, 0.0)
+    return (arms * table.box.span[2])[moved].sum() + lever @ world.robot.position_error
+
+
 def test_another_link_counts_from_the_gap_on_that_it_can_close():
     """By a reference in NumPy, for neighbours as well whose distance varies by enough."""
     checked = 0
@@ -394,7 +407,9 @@ def test_another_link_counts_from_the_gap_on_that_it_can_close():
             apart -= tree.radius[gaps.parts] + tree.radius[node]
             left = apart - [way_between(world, node, part) for part in gaps.parts]
             neighbours = np.flatnonzero((varies > 0.03) & np.isfinite(varies))
-            least = left[np.isinf(varies)].min(initial=np.inf)
+            base = np.linalg.norm(gaps.base[:, :3] - centers[node], axis=1) - gaps.base[:, 3]
+            least = base.min() - tree.radius[node] - way_to_base(world, node)
+            least = left[np.isinf(varies)].min(initial=least)
             if len(neighbours) == 0 or not left[neighbours].min() > 1e-3:
                 continue
             nearest = neighbours[left[neighbours].argmin()]

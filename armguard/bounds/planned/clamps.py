@@ -62,6 +62,19 @@ def _close(arm: ArmShape, node: int, part: int, ways: FloatArray) -> float:
 
 
 @kernel
+def _close_base(arm: ArmShape, node: int, ways: FloatArray) -> float:
+    """By how much the distance of a sphere and the base can change while joints go so far."""
+    moves = arm.moves[arm.carrier[node]]
+    closes = 0.0
+    for j in range(ways.shape[0]):
+        if moves[j]:
+            closes += (
+                find_closing_lever(arm.lever, arm.tree.radius, arm.box.turning, node, j) * ways[j]
+            )
+    return closes * (1.0 + SUM_ROUNDING)
+
+
+@kernel
 def find_closing_way(
     node: int, slab: int, gap: float, thickness: float, course: PlannedCourse, arm: ArmShape
 ) -> float:
@@ -99,8 +112,19 @@ def find_closing_way(
             distance -= arm.tree.radius[node] + arm.tree.radius[part] + gap
             if distance > most or distance > _close(arm, node, part, half):
                 continue
-            ways = speeds.whole[slab]
-            way = _close(arm, node, part, ways)
+            way = _close(arm, node, part, speeds.whole[slab])
             if not way <= closing:
                 closing = way
+        closes = _close_base(arm, node, half)
+        for c in range(arm.gaps.base.shape[0]):
+            ball = arm.gaps.base[c]
+            dx, dy, dz = x - ball[0], y - ball[1], z - ball[2]
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
+            distance -= arm.tree.radius[node] + ball[3] + gap
+            if distance > closes:
+                continue
+            way = _close_base(arm, node, speeds.whole[slab])
+            if not way <= closing:
+                closing = way
+            break  # it closes in on all of the base alike
     return closing

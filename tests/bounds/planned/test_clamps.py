@@ -58,6 +58,14 @@ class Piece:
         return np.array(centers)
 
 
+def find_closing_to_base(centers, reach, gaps):
+    """How far a sphere on its way, (m, 3), comes nearer to a ball of the base that it gets near."""
+    apart = np.linalg.norm(centers[:, None] - gaps.base[:, :3], axis=2)
+    near = (apart - gaps.base[:, 3]).min(axis=0) <= reach
+    closed = np.maximum.accumulate(apart, axis=0) - apart
+    return closed.max(axis=0)[near].max(initial=0.0)
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
 def test_no_gap_that_closes_is_missed(name):
     random = np.random.default_rng(5)
@@ -80,6 +88,10 @@ def test_no_gap_that_closes_is_missed(name):
             gap = random.uniform(0.02, 0.3)
             near = varies & (gaps <= gap)
             way = piece.closing_way(node, slab, gap)
+            way_to_base = find_closing_to_base(
+                centers[later][:, node], gap + radius[node], arm.gaps
+            )
+            assert way_to_base <= way + SLACK
             # What is near is pressed by no more than the way that is said.
             closed = np.maximum.accumulate(apart, axis=0) - apart
             assert (closed.max(axis=0)[near] <= way + SLACK).all()
