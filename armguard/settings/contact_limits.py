@@ -93,8 +93,12 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             )
         given = [name for name in _WAYS if getattr(self, name) is not None]
         if len(given) != 1:
-            names = f"{', '.join(given)}: are all given" if given else "is stated by none"
-            raise ArmguardError("limit", names, expected=f"exactly one of {', '.join(_WAYS)}")
+            first, *others = given or _WAYS
+            offender = others[0] if given else first
+            problem = (
+                f"is given beside {first}" if given else f"is missing, like {' and '.join(others)}"
+            )
+            raise ArmguardError(offender, problem, expected=f"exactly one of {', '.join(_WAYS)}")
         (way,) = given
         for name in ("stiffness", "body_mass"):
             if (getattr(self, name) is not None) != (name in _WAYS[way]):
