@@ -219,7 +219,7 @@ def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
     links = handle.content.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        answer, spent, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
+        answer, spent, _, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
         if answer != RESTS:
             return pair, evaluations
