@@ -11,6 +11,7 @@ What a link can clamp a part against:
 - Another link of the arm, as far as joints between the two can move. Of two links that share a
   joint those spheres count whose distance can vary by more than the part is thick, as in an elbow
   that folds.
+- What of the arm no joint moves, its base: balls stand for that.
 
 Whatever is uncertain counts as near. How a gap between two links closes, `closing` bounds joint by
 joint. What is pressed may slip from one link to another, so what counts in each step is the gap
@@ -158,31 +159,56 @@ def _find_most(scene: Scene, box: JointBox) -> float:
 
 @kernel
 def _is_part_near(
-    scene: Scene, sphere: ArmSphere, node: int, c: int, box: JointBox, most: float, gap: float
+    scene: Scene, sphere: ArmSphere, node: int, c: int, table: JointTable, most: float, gap: float
 ) -> bool:
-    """Whether a sphere that stands for a link can come near another; fills `clamp_room.pair`.
+    """Whether a sphere that stands for a link, or a ball for the base, can come near another one.
+
+    Then `clamp_room.pair` is filled.
 
     Args:
         scene: The tick.
         sphere: The other one.
         node: Its number.
-        c: Which of the parts stands for a link.
-        box: Where joints are.
+        c: Which of the parts, and after them of the base's balls.
+        table: Where joints can be.
         most: By how much any two spheres come nearer there, in [m].
         gap: How near is near, in [m].
     """
-    placement, radius, pair = scene.placement, scene.tree.radius, scene.clamp_room.pair
-    part = scene.link_gaps.parts[c]
-    other = sphere_of(scene, part)
+    placement, gaps, pair, box = (
+        scene.placement, scene.link_gaps, scene.clamp_room.pair, table.box
+    )  # fmt: skip
+    radius, parts = scene.tree.radius, gaps.parts.shape[0]
+    # The base has no levers, nor are any asked for: nothing moves it.
+    other, other_radius, theirs = sphere, 0.0, placement.moves[0]
+    if c < parts:
+        part = gaps.parts[c]
+        other, other_radius = sphere_of(scene, part), radius[part]
+        theirs = placement.moves[placement.joint[part]]
+    else:
+        ball = gaps.base[c - parts]
+        other_radius = ball[3]
+        other = ArmSphere(
+            ball[0], ball[1], ball[2], sphere.jacobian, sphere.lever, sphere.slope_error
+        )  # fmt: skip
     dx, dy, dz = other.x - sphere.x, other.y - sphere.y, other.z - sphere.z
     distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
     place = abs(sphere.x) + abs(sphere.y) + abs(sphere.z)
-    distance -= radius[node] + radius[part] + gap + SUM_ROUNDING * place
+    distance -= radius[node] + other_radius + gap + SUM_ROUNDING * place
     if distance > most:
         return False
-    mine, theirs = placement.moves[placement.joint[node]], placement.moves[placement.joint[part]]
-    fill_arms(sphere, radius[node], mine, other, radius[part], theirs, box, pair)
+    mine = placement.moves[placement.joint[node]]
+    fill_arms(sphere, radius[node], mine, other, other_radius, theirs, box, pair)
     return not distance > find_approach(pair, box)
+
+
+@kernel
+def _may_clamp(scene: Scene, node: int, c: int, limit: ContactLimit) -> bool:
+    """Whether the distance of a sphere from a part, or from the base, can vary by enough."""
+    gaps = scene.link_gaps
+    if c >= gaps.parts.shape[0]:
+        return True
+    varies: bool = gaps.variation[node, c] > limit.thickness
+    return varies
 
 
 @kernel
@@ -196,9 +222,10 @@ def can_links_clamp(
     gaps, gap = scene.link_gaps, limit.gap + scene.settings.margin
     set_span(table, 0, last, 1.0)
     sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
-    for c in range(gaps.parts.shape[0]):
-        varies = gaps.variation[node, c] > limit.thickness
-        if varies and _is_part_near(scene, sphere, node, c, table.box, most, gap):
+    for c in range(gaps.parts.shape[0] + gaps.base.shape[0]):
+        if _may_clamp(scene, node, c, limit) and _is_part_near(
+            scene, sphere, node, c, table, most, gap
+        ):
             return True
     return False
 
@@ -231,9 +258,10 @@ def find_clamp(
     set_span(table, 0, last, 1.0)
     sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
     count = 0
-    for c in range(gaps.parts.shape[0]):
-        varies = gaps.variation[node, c] > limit.thickness
-        if varies and _is_part_near(scene, sphere, node, c, table.box, most, gap):
+    for c in range(gaps.parts.shape[0] + gaps.base.shape[0]):
+        if _may_clamp(scene, node, c, limit) and _is_part_near(
+            scene, sphere, node, c, table, most, gap
+        ):
             for j in range(gaps.weight.shape[0]):
                 room.closing[count, 0, j] = room.pair.forth[j]
                 room.closing[count, 1, j] = room.pair.back[j]

@@ -391,7 +391,7 @@ def _is_sphere_harmless(
 @kernel
 def rests_in_time(
     handle: Any, link: int, row: int, now: float, budget: int
-) -> tuple[int, int, float]:
+) -> tuple[int, int, float, int]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
     Where contact with the obstacle is permitted, it has to be slow enough for good before contact.
@@ -406,12 +406,13 @@ def rests_in_time(
 
     Returns:
         RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know;
-        evaluations; and the greatest speed of a contact before it rests, in [m]/[s], 0 where there
-        is none.
+        evaluations; the greatest speed of a contact before it rests, in [m]/[s], 0 where there
+        is none; and the sphere that might touch, -1 if there is none, or nothing is known of the
+        obstacle.
     """
     scene = handle.content
     if not is_known(scene.marks, row):
-        return TOUCHES, 0, 0.0
+        return TOUCHES, 0, 0.0, -1
     marks, tree = scene.marks, scene.tree
     limit, table = limit_of(scene, row), scene.braking
     last = table.time.shape[0] - 1
@@ -424,7 +425,7 @@ def rests_in_time(
         near_count = -1  # not known yet
         while node >= 0:
             if not evaluations < budget:
-                return UNDECIDED, evaluations, 0.0
+                return UNDECIDED, evaluations, 0.0, -1
             evaluations += 1
             hull, distance = (
                 hull_of(bodies, place, age), contact_distance(scene, node, bodies, place)
@@ -447,5 +448,5 @@ def rests_in_time(
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
             else:
-                return TOUCHES, evaluations, 0.0
-    return RESTS, evaluations, greatest
+                return TOUCHES, evaluations, 0.0, node
+    return RESTS, evaluations, greatest, -1

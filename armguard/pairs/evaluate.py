@@ -86,7 +86,10 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._clamp_room = make_clamp_room(motion.joint.lever.shape[1], len(motion.link_gaps.parts))
+        gaps = motion.link_gaps
+        self._clamp_room = make_clamp_room(
+            motion.joint.lever.shape[1], len(gaps.parts) + len(gaps.base)
+        )
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -219,7 +222,7 @@ def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
     links = handle.content.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        answer, spent, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
+        answer, spent, _, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
         if answer != RESTS:
             return pair, evaluations

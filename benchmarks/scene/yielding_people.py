@@ -18,7 +18,7 @@ from armguard.jit import kernel
 from armguard.obstacles import Obstacles
 from scene.clearance import Leaves, nearest_on_segment
 from scene.example_limits import FIGURES, PATTERNS_OF_REGIONS
-from scene.recorded_people import NAMES, RADII, People, Stream
+from scene.recorded_people import IDS, NAMES, RADII, People, Stream
 
 HEAD = (150e3, 4.4)
 """Stiffness in [N]/[m] and mass in [kg] of the head, assumed: it has no contact limit."""
@@ -94,7 +94,7 @@ class _YieldingStream(Stream):
         """Send what there is of a frame; `begin` is when the recording began, in [s]."""
         calls = []
         for call in self._recorded[frame]:
-            rows = [NAMES.index(name) for name in call.ids]
+            rows = [IDS.index(name) for name in call.ids]
             calls.append(
                 call._replace(
                     position=call.position + self._people.offset[rows, None],

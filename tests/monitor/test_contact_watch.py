@@ -57,10 +57,11 @@ def test_a_touch_is_a_stop_from_its_first_tick_on_until_the_hand_leaves():
     assert not encounter.obstacles.table.touched[encounter.row()]
 
 
-def test_after_a_reset_bounds_of_a_body_that_has_left_are_judged_again(touched):
+def test_after_a_reset_nothing_counts_as_touched_until_it_touches(touched):
     row = touched.row()
     assert touched.obstacles.table.touched[row]
     touched.monitor.reset()
+    assert not touched.obstacles.table.touched[row]
     touched.tick += 300
     touched.see(away=0.2)
     touched.step()
@@ -91,6 +92,22 @@ def test_a_stop_by_touch_is_held_for_the_rise_delay():
     for _ in range(50):
         verdict = encounter.step()
     assert verdict.level is Level.CLEAR
+
+
+def test_how_long_a_contact_has_lasted_is_told_by_no_clock():
+    """At any time of the monitor's clock alike."""
+    for start in (0, 10**6):
+        encounter = Encounter(0.02, reaction_time=0.002)
+        encounter.tick += start
+        approach(encounter)
+        told = []
+        for _ in range(250):
+            encounter.see(away=encounter.away)
+            verdict = encounter.step()
+            told += [one.detail for one in verdict.reasons if one.kind is IN_CONTACT]
+        assert told[0] == ""
+        assert told[-1] == "for 0.3 s"
+        assert list(dict.fromkeys(told)) == ["", "for 0.1 s", "for 0.2 s", "for 0.3 s"]
 
 
 def test_a_joint_that_is_moved_at_rest_by_more_than_errors_is_told_and_does_not_latch(touched):
@@ -178,10 +195,3 @@ def test_a_head_is_no_contact_but_a_stop():
         verdict = encounter.step()
     assert verdict.level is Level.STOP
     assert IN_CONTACT not in kinds(verdict)
-
-
-def test_after_a_reset_nothing_counts_as_touched(touched):
-    row = touched.row()
-    assert touched.obstacles.table.touched[row]
-    touched.monitor.reset()
-    assert not touched.obstacles.table.touched[row]

@@ -167,6 +167,9 @@ def test_nothing_that_could_clamp_is_missed(name):
                 apart -= tree.radius + tree.radius[leaf]
                 between = (moves != moves[leaf]).sum(axis=1)
                 by_link = bool((apart[leaves] <= GAP)[between[leaves] > 1].any())
+                for points in world.robot.fixed_points().values():
+                    away = distance_to_hull(centers[leaf], points, world.random)
+                    by_link |= bool(away <= tree.radius[leaf] + GAP)
                 reach = tree.radius[leaf] + 0.03 + GAP
                 by_obstacle = any(
                     distance_to_hull(centers[leaf], points, world.random) <= reach
@@ -282,6 +285,7 @@ def test_who_is_of_one_person():
     for name, source, region in [
         ("p1/hand", "a", "hand"), ("p1/head", "a", "head"), ("p2/hand", "a", "hand"),
         ("p1/hand", "b", "hand"), ("p1/table", "a", ""),
+        ("p1", "a", "chest"), ("hand", "a", "hand"), ("head", "a", "head"), ("/arm", "a", "hand"),
     ]:  # fmt: skip
         obstacles.update(
             [name], NOW, [[2.0, 0.0, 0.0]], [[0.0] * 3], radius=0.1, source=source, region=region
@@ -289,15 +293,19 @@ def test_who_is_of_one_person():
     _, kinematics, motion, _ = arm_of("panda")
     none = RegionLimits(*(np.zeros(0) for _ in range(4)))
     state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
-    first = obstacles.row("p1/hand", "a")
 
-    def is_same(name, source="a"):
-        return ask_person(state.handle, first, obstacles.row(name, source))
+    def is_same(name, source="a", first="p1/hand"):
+        rows = obstacles.row(first, "a"), obstacles.row(name, source)
+        return ask_person(state.handle, *rows)
 
     assert is_same("p1/head")
     assert not is_same("p2/hand")
     assert not is_same("p1/hand", "b")
     assert not is_same("p1/table")
+    # Ids that name no person may be of two.
+    for name in ("p1", "hand", "/arm"):
+        assert not is_same(name)
+        assert not is_same("head", first=name)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -373,6 +381,16 @@ def way_between(world, node, part):
     return (arms * table.box.span[2])[moved[node] != moved[part]].sum() + errors
 
 
+def way_to_base(world, node):
+    """How far a sphere can come nearer to what no joint moves by then, in [m]."""
+    placement, table = world.kinematics.placement, world.motion.braking.table
+    lever, radius = world.motion.joint.lever[node], world.kinematics.spheres.tree.radius[node]
+    moved = placement.moves[placement.joint[node]]
+    set_span(table, 0, len(table.time) - 1, 1.0)
+    arms = lever + np.where(table.box.turning, radius, 0.0)
+    return (arms * table.box.span[2])[moved].sum() + lever @ world.robot.position_error
+
+
 def test_another_link_counts_from_the_gap_on_that_it_can_close():
     """From its distance on in any case, and not before what levers allow for.
 
@@ -390,12 +408,15 @@ def test_another_link_counts_from_the_gap_on_that_it_can_close():
             apart -= tree.radius[gaps.parts] + tree.radius[node]
             left = apart - [way_between(world, node, part) for part in gaps.parts]
             neighbours = np.flatnonzero((varies > 0.03) & np.isfinite(varies))
+            to_base = np.linalg.norm(gaps.base[:, :3] - centers[node], axis=1) - gaps.base[:, 3]
+            to_base -= tree.radius[node]
             if len(neighbours) == 0 or not left[neighbours].min() > 1e-3:
                 continue
             nearest = neighbours[left[neighbours].argmin()]
             for thickness in (varies[nearest] - 0.01, 10.0):
                 counts = varies > thickness
-                before, there = left[counts].min(), apart[counts].min()
+                before = min(left[counts].min(), to_base.min() - way_to_base(world, node))
+                there = min(apart[counts].min(), to_base.min())
                 for gap, expected in ((before - 1e-6, False), (there + 1e-6, True)):
                     if gap > 1e-3:
                         clamp = world.clamp(link_of[node], node, gap=gap, thickness=thickness)[1]

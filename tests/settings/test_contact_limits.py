@@ -109,9 +109,12 @@ def test_0_is_never(way, own):
         ({"speed": 0.9, "source": ""}, "^source: is ''; expected where the numbers come from"),
         ({"speed": 0.9, "source": " \n"}, "^source: is .*; expected where the numbers come from"),
         ({"speed": 0.9, "source": None}, "^source: is None; expected text"),
-        ({}, "^limit: is stated by none; expected exactly one of speed, energy, force"),
-        ({"body_mass": 0.6}, "^limit: is stated by none"),
-        ({"speed": 0.9, "energy": 0.5, "body_mass": 1.0}, "^limit: speed, energy: are all given"),
+        ({}, "^speed: is missing, like energy and force; expected exactly one of speed, energy"),
+        ({"body_mass": 0.6}, "^speed: is missing, like energy and force"),
+        (
+            {"speed": 0.9, "energy": 0.5, "body_mass": 1.0},
+            "^energy: is given beside speed; expected exactly one of speed, energy, force",
+        ),
         ({"energy": 0.5}, "^body_mass: is missing beside energy"),
         ({"force": 140.0, "body_mass": 0.6}, "^stiffness: is missing beside force"),
         ({"force": 140.0, "stiffness": 75e3}, "^body_mass: is missing beside force"),
@@ -127,6 +130,8 @@ def test_what_makes_no_limit_is_refused_in_one_line(changes, message):
     with pytest.raises(ArmguardError, match=message) as found:
         make_limit(**changes)
     assert "\n" not in str(found.value)
+    # A cell file's error names this key.
+    assert found.value.offender in ContactLimit.__struct_fields__
 
 
 def test_a_limit_without_a_source_is_refused():

@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from armguard.bounds.closing import fill_arms, find_approach, find_closing
-from armguard.bounds.joint_box import Vector
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
@@ -49,15 +48,6 @@ def place_parts(arm: ArmShape, placement: FloatArray) -> FloatArray:
 
 
 @kernel
-def _sphere_of(
-    arm: ArmShape, course: PlannedCourse, frame: int, node: int, place: Vector
-) -> ArmSphere:
-    """A sphere with its centre in the world in the middle of a slab, in [m]."""
-    x, y, z = place
-    return ArmSphere(x, y, z, course.jacobian[frame], arm.lever[node], arm.exact)
-
-
-@kernel
 def find_closing_way(
     node: int, slab: int, limit: ContactLimit, course: PlannedCourse, arm: ArmShape
 ) -> float:
@@ -80,6 +70,7 @@ def find_closing_way(
     speeds, arms, span = course.speeds.content, arm.arms, arm.box.span
     slabs, joints = course.start.shape[0], course.half.shape[1]
     mine, radius = arm.moves[arm.carrier[node]], arm.tree.radius[node]
+    gaps, parts = arm.gaps, arm.gaps.parts.shape[0]
     total = 0.0
     for block in range(slab // BLOCK, (slabs + BLOCK - 1) // BLOCK):
         half, frame = speeds.block_half[block], find_frame(block, slabs)
@@ -93,21 +84,29 @@ def find_closing_way(
                 arms.ways[k, j] = speeds.ways[k, begin, j] * (1.0 + SUM_ROUNDING)
                 if end < slabs:
                     arms.ways[k, j] -= speeds.ways[k, end, j]
-        place = find_center(arm, course.placement[frame], node)
-        sphere = _sphere_of(arm, course, frame, node, place)
+        x, y, z = find_center(arm, course.placement[frame], node)
+        lever, jacobian = arm.lever[node], course.jacobian[frame]
+        sphere = ArmSphere(x, y, z, jacobian, lever, arm.exact)
         closing = 0.0
-        for c in range(arm.gaps.parts.shape[0]):
-            if arm.gaps.variation[node, c] <= limit.thickness:
-                continue
-            part, center = arm.gaps.parts[c], speeds.part_centers[block, c]
-            dx, dy, dz = place[0] - center[0], place[1] - center[1], place[2] - center[2]
+        for c in range(parts + gaps.base.shape[0]):
+            # The base has no levers, nor are any asked for: nothing moves it.
+            other_radius, theirs = 0.0, arm.moves[0]
+            if c < parts:
+                if gaps.variation[node, c] <= limit.thickness:
+                    continue
+                part, center = gaps.parts[c], speeds.part_centers[block, c]
+                lever, theirs = arm.lever[part], arm.moves[arm.carrier[part]]
+                other_radius = arm.tree.radius[part]
+            else:
+                center = gaps.base[c - parts]
+                other_radius = center[3]
+            other = ArmSphere(center[0], center[1], center[2], jacobian, lever, arm.exact)
+            dx, dy, dz = x - other.x, y - other.y, z - other.z
             distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
-            distance -= radius + arm.tree.radius[part] + limit.gap
+            distance -= radius + other_radius + limit.gap
             if distance > most:
                 continue
-            other = _sphere_of(arm, course, frame, part, (center[0], center[1], center[2]))
-            theirs = arm.moves[arm.carrier[part]]
-            fill_arms(sphere, radius, mine, other, arm.tree.radius[part], theirs, arm.box, arms)
+            fill_arms(sphere, radius, mine, other, other_radius, theirs, arm.box, arms)
             if distance > find_approach(arms, arm.box):
                 continue
             way = find_closing(arms)

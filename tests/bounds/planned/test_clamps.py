@@ -60,6 +60,14 @@ class Piece:
         return np.array(centers)
 
 
+def find_closing_to_base(centers, reach, gaps):
+    """How far a sphere on its way, (m, 3), comes nearer to balls of the base while it is near."""
+    apart = np.linalg.norm(centers[:, None] - gaps.base[:, :3], axis=2)
+    near = apart - gaps.base[:, 3] <= reach
+    falls = np.where(near[1:] & near[:-1], -np.diff(apart, axis=0), 0.0)
+    return falls.max(axis=1, initial=0.0).sum()
+
+
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
 def test_no_gap_that_closes_is_missed(name):
     random = np.random.default_rng(5)
@@ -81,6 +89,10 @@ def test_no_gap_that_closes_is_missed(name):
             gap = random.uniform(0.02, 0.3)
             near = varies & (apart - radius[node] - radius[parts] <= gap)
             way = piece.closing_way(node, slab, gap)
+            way_to_base = find_closing_to_base(
+                centers[later][:, node], gap + radius[node], arm.gaps
+            )
+            assert way_to_base <= way + SLACK
             # What is pressed may slip to the gap that closes fastest, again and again.
             falls = np.where(near[1:] & near[:-1], -np.diff(apart, axis=0), 0.0)
             closed = falls.max(axis=1, initial=0.0).sum()
