@@ -158,47 +158,64 @@ def _find_most(scene: Scene, box: JointBox) -> float:
 
 
 @kernel
+def _count_parts(scene: Scene) -> int:
+    """How many spheres stand for links, and balls for the base."""
+    count: int = scene.link_gaps.parts.shape[0] + scene.link_gaps.base.shape[0]
+    return count
+
+
+@kernel
+def _find_part(scene: Scene, sphere: ArmSphere, c: int) -> tuple[ArmSphere, float, BoolArray]:
+    """A sphere that stands for a link, or after those a ball for the base; its radius; what moves.
+
+    The base has no levers, nor are any asked for: no joint moves it.
+    """
+    placement, gaps = scene.placement, scene.link_gaps
+    parts = gaps.parts.shape[0]
+    if c < parts:
+        part = gaps.parts[c]
+        moves = placement.moves[placement.joint[part]]
+        return sphere_of(scene, part), scene.tree.radius[part], moves
+    ball = gaps.base[c - parts]
+    place = ball[0], ball[1], ball[2]
+    base = ArmSphere(*place, sphere.jacobian, sphere.lever, sphere.slope_error)
+    return base, ball[3], placement.moves[0]
+
+
+@kernel
+def _find_room(sphere: ArmSphere, other: ArmSphere, reach: float) -> float:
+    """How much farther than so far two centres are apart, in [m], rounded down."""
+    dx, dy, dz = other.x - sphere.x, other.y - sphere.y, other.z - sphere.z
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
+    room: float = distance - reach
+    return room - SUM_ROUNDING * (abs(sphere.x) + abs(sphere.y) + abs(sphere.z))
+
+
+@kernel
 def _is_part_near(
     scene: Scene, sphere: ArmSphere, node: int, c: int, table: JointTable, most: float, gap: float
 ) -> bool:
-    """Whether a sphere that stands for a link, or a ball for the base, can come near another one.
+    """Whether what stands for a link or the base can come near a sphere.
 
     Then `clamp_room.pair` is filled.
 
     Args:
         scene: The tick.
-        sphere: The other one.
+        sphere: The sphere.
         node: Its number.
         c: Which of the parts, and after them of the base's balls.
         table: Where joints can be.
         most: By how much any two spheres come nearer there, in [m].
         gap: How near is near, in [m].
     """
-    placement, gaps, pair, box = (
-        scene.placement, scene.link_gaps, scene.clamp_room.pair, table.box
-    )  # fmt: skip
-    radius, parts = scene.tree.radius, gaps.parts.shape[0]
-    # The base has no levers, nor are any asked for: nothing moves it.
-    other, other_radius, theirs = sphere, 0.0, placement.moves[0]
-    if c < parts:
-        part = gaps.parts[c]
-        other, other_radius = sphere_of(scene, part), radius[part]
-        theirs = placement.moves[placement.joint[part]]
-    else:
-        ball = gaps.base[c - parts]
-        other_radius = ball[3]
-        other = ArmSphere(
-            ball[0], ball[1], ball[2], sphere.jacobian, sphere.lever, sphere.slope_error
-        )  # fmt: skip
-    dx, dy, dz = other.x - sphere.x, other.y - sphere.y, other.z - sphere.z
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
-    place = abs(sphere.x) + abs(sphere.y) + abs(sphere.z)
-    distance -= radius[node] + other_radius + gap + SUM_ROUNDING * place
-    if distance > most:
+    placement, pair, radius = scene.placement, scene.clamp_room.pair, scene.tree.radius[node]
+    other, other_radius, theirs = _find_part(scene, sphere, c)
+    room = _find_room(sphere, other, radius + other_radius + gap)
+    if room > most:
         return False
     mine = placement.moves[placement.joint[node]]
-    fill_arms(sphere, radius[node], mine, other, other_radius, theirs, box, pair)
-    return not distance > find_approach(pair, box)
+    fill_arms(sphere, radius, mine, other, other_radius, theirs, table.box, pair)
+    return not room > find_approach(pair, table.box)
 
 
 @kernel
@@ -219,10 +236,17 @@ def can_links_clamp(
 
     Arguments as for `find_clamp`.
     """
-    gaps, gap = scene.link_gaps, limit.gap + scene.settings.margin
+    gap, radius = limit.gap + scene.settings.margin, scene.tree.radius[node]
+    sphere, count = sphere_of(scene, node), _count_parts(scene)
+    # Most links have another one near now.
+    for c in range(count):
+        other, other_radius, _ = _find_part(scene, sphere, c)
+        room = _find_room(sphere, other, radius + other_radius + gap)
+        if not room > 0.0 and _may_clamp(scene, node, c, limit):
+            return True
     set_span(table, 0, last, 1.0)
-    sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
-    for c in range(gaps.parts.shape[0] + gaps.base.shape[0]):
+    most = _find_most(scene, table.box)
+    for c in range(count):
         if _may_clamp(scene, node, c, limit) and _is_part_near(
             scene, sphere, node, c, table, most, gap
         ):
@@ -258,7 +282,7 @@ def find_clamp(
     set_span(table, 0, last, 1.0)
     sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
     count = 0
-    for c in range(gaps.parts.shape[0] + gaps.base.shape[0]):
+    for c in range(_count_parts(scene)):
         if _may_clamp(scene, node, c, limit) and _is_part_near(
             scene, sphere, node, c, table, most, gap
         ):
