@@ -10,7 +10,7 @@ from armguard.pairs.touching import NO_LINK
 from armguard.robot.kinematics import Kinematics
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from support.panda_monitor import HOME, STILL, panda
-from support.permitted_contact import RADIUS, Encounter, find_front
+from support.permitted_contact import RADIUS, Encounter, find_columns, find_front, go_straight
 from support.plan_cases import Hermite
 
 LIMITS = ContactLimits({"hand": ContactLimit(speed=1.0, source="test")})
@@ -21,22 +21,6 @@ ERROR = 1e-4
 @kernel
 def ask(handle, row, watched, course, now):
     return find_pressing_link(handle, row, watched, course, now)
-
-
-def find_columns():
-    """Columns of the Jacobian of the front sphere's centre, and axes of the joints, (3, nv)."""
-    kinematics = Kinematics(panda())
-    kinematics.compute(HOME, STILL)
-    center, _ = find_front()
-    jacobian = np.array(kinematics.placement.jacobian)
-    return (jacobian[:, :3] + np.cross(jacobian[:, 3:], center)).T, jacobian[:, 3:].T
-
-
-def go_straight(velocity):
-    """Joint velocities that move the last link so, in [m]/[s], without turning it."""
-    columns, axes = find_columns()
-    wanted = np.concatenate([velocity, np.zeros(3)])
-    return np.linalg.lstsq(np.concatenate([columns, axes]), wanted, rcond=None)[0]
 
 
 def make_piece(rates, seconds=0.25):
