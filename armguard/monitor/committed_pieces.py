@@ -162,6 +162,7 @@ class CommittedPieces:
         self._following = Following(robot)
         self._latency = settings.latency
         self._margin = settings.margin
+        self._limits = settings.contact_limits
         self._with_velocities = settings.permits_contact
         # Whether joints may leave a piece at any moment, to brake by themselves.
         self._may_leave = settings.leave == "any"
@@ -478,6 +479,10 @@ class CommittedPieces:
             return None
         link, obstacle = (None, None) if found.pair < 0 else scheduler.arm.names(found.pair)
         detail = f"contact time {found.time:.4g} s"
+        if self._limits is not None and found.pair >= 0:
+            row = found.pair // len(scheduler.arm.links)
+            regions = int(scheduler.arm.obstacles.table.regions[row])
+            detail += f"; {self._limits.describe_permitted(regions)}"
         reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
 
