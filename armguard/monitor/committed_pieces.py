@@ -48,7 +48,7 @@ from armguard.jit.handle import machine_code, pack
 from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.pairs.course_clamps import NOTHING, find_obstacle_speeds
-from armguard.pairs.receding import Course, find_pressing_link, sum_up_course
+from armguard.pairs.receding import PieceMotion, find_pressing_link, sum_up_motion
 from armguard.pairs.touching import NO_LINK
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
@@ -252,7 +252,7 @@ class CommittedPieces:
         if contact is not None:
             return contact
         if self._with_velocities:
-            pressed = self._find_pressed(checked, tick)
+            pressed = self._find_pressed(checked, course, tick)
             if pressed is not None:
                 return pressed
         permitted = self._judged
@@ -346,7 +346,7 @@ class CommittedPieces:
         self.update(tick, 0.0, disturbed=False, unplaced=False)
         if self._with_velocities:
             joints = q.shape[1]
-            still = Course(*np.zeros((2, 1, joints)), *np.zeros((2, joints)))
+            still = PieceMotion(*np.zeros((2, 1, joints)), *np.zeros((2, joints)))
             self._compile_pressing(still)
         self.reset()
 
@@ -497,18 +497,21 @@ class CommittedPieces:
         speeds: FloatArray = self._clamps[1](handle, course, pairs, now)
         return speeds
 
-    def _find_pressed(self, plan: CheckedPlan, tick: Tick) -> PlanVerdict | None:
+    def _find_pressed(
+        self, plan: CheckedPlan, course: PlannedCourse, tick: Tick
+    ) -> PlanVerdict | None:
         """What touches the arm, and is not surely receded from on a piece; None if nothing."""
         scheduler = self._scheduler
         rows = scheduler.list_touchable(tick)
         if not len(rows):
             return None
         scheduler.prepare(tick)
-        course = sum_up_course(plan, tick.now, tick.q, may_leave=self._may_leave)
+        left = course if self._may_leave else None
+        motion = sum_up_motion(plan, tick.now, tick.q, left)
         handle, watched = scheduler.arm.state.handle, scheduler.certificates.watched
-        find = self._compile_pressing(course)
+        find = self._compile_pressing(motion)
         for row in rows.tolist():
-            link = find(handle, row, watched[row], course, tick.now)
+            link = find(handle, row, watched[row], motion, tick.now)
             if link != NO_LINK:
                 names = scheduler.arm.names(row * watched.shape[1] + link)
                 return refuse_plan(
@@ -518,11 +521,11 @@ class CommittedPieces:
                 )
         return None
 
-    def _compile_pressing(self, course: Course) -> Any:
+    def _compile_pressing(self, motion: PieceMotion) -> Any:
         """Machine code of `find_pressing_link`, for the arrays that there are now."""
         handle, watched = self._scheduler.arm.state.handle, self._scheduler.certificates.watched
         if self._pressing is None or self._pressing[0] is not handle.kind:
-            code = machine_code(find_pressing_link, handle, 0, watched[0], course, 0.0)
+            code = machine_code(find_pressing_link, handle, 0, watched[0], motion, 0.0)
             self._pressing = handle.kind, code
         return self._pressing[1]
 

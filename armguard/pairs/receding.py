@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armguard.bounds.planned.course import PlannedCourse
 from armguard.bounds.planned.plan import CheckedPlan
 from armguard.contact.gjk import distance_to_hull
 from armguard.jit.arrays import BoolArray, FloatArray
@@ -46,7 +47,7 @@ RESTING = 1e-9
 """What counts as no motion, in [m]/[s]: velocities of a plan are rounded."""
 
 
-class Course(NamedTuple):
+class PieceMotion(NamedTuple):
     """How joints move on what is left of a piece."""
 
     rates: FloatArray
@@ -60,14 +61,17 @@ class Course(NamedTuple):
     """How far joints can be from where they were measured, alike."""
 
 
-def sum_up_course(plan: CheckedPlan, now: float, q: FloatArray, *, may_leave: bool) -> Course:
+def sum_up_motion(
+    plan: CheckedPlan, now: float, q: FloatArray, left: PlannedCourse | None
+) -> PieceMotion:
     """How joints move on what is left of a piece.
 
     Args:
         plan: The piece.
         now: Time of the tick, in [s].
         q: Measured joint positions, in [rad] or [m]. Shape (nv,).
-        may_leave: Whether joints may leave the piece at any moment, each by itself.
+        left: Where joints can be that may leave the piece at any moment, each by itself; None where
+            they may not.
     """
     is_left = plan.stamp + plan.times[1:] > now
     steps = np.diff(plan.times)[is_left, None]
@@ -76,17 +80,15 @@ def sum_up_course(plan: CheckedPlan, now: float, q: FloatArray, *, may_leave: bo
     rates = np.concatenate([start, 3.0 * (after - before) / steps - start - end, end])
     corners = [before, before + steps * start / 3.0, after - steps * end / 3.0, after]
     places = np.concatenate(corners) - q
-    spread = np.abs(places).max(axis=0, initial=0.0) + plan.deviation
-    if may_leave:
-        # Whatever each joint does by itself is a mixture of its greatest velocities either way.
-        most, least = rates.max(axis=0, initial=0.0), rates.min(axis=0, initial=0.0)
-        rates = np.concatenate([np.diag(most), np.diag(least)])
-        # And it stays anywhere between where it was and the farthest on its way.
-        deviation = spread
-        places = np.zeros((1, len(q)))
-    else:
-        deviation = plan.deviation.copy()
-    return Course(rates, places, deviation, spread)
+    if left is None:
+        spread = np.abs(places).max(axis=0, initial=0.0) + plan.deviation
+        return PieceMotion(rates, places, plan.deviation.copy(), spread)
+    # Whatever each joint does by itself is a mixture of its greatest velocities either way.
+    most, least = rates.max(axis=0, initial=0.0), rates.min(axis=0, initial=0.0)
+    spread = (np.abs(left.middle - q) + left.half).max(axis=0)
+    return PieceMotion(
+        np.concatenate([np.diag(most), np.diag(least)]), np.zeros((1, len(q))), spread, spread
+    )
 
 
 @kernel
@@ -103,32 +105,36 @@ def _find_column(scene: Scene, node: int, j: int) -> tuple[float, float, float]:
 
 @kernel
 def _find_advance(
-    scene: Scene, node: int, direction: tuple[float, float, float], course: Course
+    scene: Scene, node: int, direction: tuple[float, float, float], motion: PieceMotion
 ) -> float:
     """How far a sphere's centre gets at most in a direction, in [m], at least 0."""
     moves, lever = scene.placement.moves[scene.placement.joint[node]], scene.arm.lever[node]
     joints = moves.shape[0]
     nx, ny, nz = direction
     most = off = size = 0.0
-    for k in range(course.places.shape[0]):
+    for k in range(motion.places.shape[0]):
         along = 0.0
         for j in range(joints):
             if moves[j]:
                 x, y, z = _find_column(scene, node, j)
-                along += (x * nx + y * ny + z * nz) * course.places[k, j]
+                along += (x * nx + y * ny + z * nz) * motion.places[k, j]
         most = max(most, along)
     for j in range(joints):
         if moves[j]:
-            off += lever[j] * course.deviation[j]
+            off += lever[j] * motion.deviation[j]
             # With all joints before it, and itself.
-            off += lever[j] * course.spread[j] * (size + 0.5 * course.spread[j])
-            size += course.spread[j]
+            off += lever[j] * motion.spread[j] * (size + 0.5 * motion.spread[j])
+            size += motion.spread[j]
     return most + off * (1.0 + SUM_ROUNDING)
 
 
 @kernel
 def _recedes(
-    scene: Scene, node: int, direction: tuple[float, float, float], cosine: float, course: Course
+    scene: Scene,
+    node: int,
+    direction: tuple[float, float, float],
+    cosine: float,
+    motion: PieceMotion,
 ) -> bool:
     """Whether no point of a sphere moves in any direction of a cone."""
     moves = scene.placement.moves[scene.placement.joint[node]]
@@ -142,10 +148,10 @@ def _recedes(
     # What is no number stands for all directions.
     cosine = min(cosine, 1.0) if cosine > 0.0 else 0.0
     sine = math.sqrt(1.0 - cosine * cosine)
-    for k in range(course.rates.shape[0]):
+    for k in range(motion.rates.shape[0]):
         vx = vy = vz = wx = wy = wz = bend = 0.0
         for j in range(joints):
-            rate = course.rates[k, j]
+            rate = motion.rates[k, j]
             if not moves[j] or rate == 0.0:
                 continue
             x, y, z = _find_column(scene, node, j)
@@ -157,7 +163,7 @@ def _recedes(
                 if moves[i]:
                     far = max(i, j)
                     arm = lever[far] + (radius if turning[far] else 0.0)
-                    bend += abs(rate) * course.spread[i] * arm
+                    bend += abs(rate) * motion.spread[i] * arm
         along = vx * nx + vy * ny + vz * nz
         size = math.sqrt(vx * vx + vy * vy + vz * vz)
         across = math.sqrt(max(size * size - along * along, 0.0))
@@ -170,7 +176,7 @@ def _recedes(
 
 @kernel
 def _presses(
-    scene: Scene, node: int, bodies: States, place: int, course: Course
+    scene: Scene, node: int, bodies: States, place: int, motion: PieceMotion
 ) -> tuple[bool, bool]:
     """Whether a sphere can touch a body as it was measured, and whether it may press it then.
 
@@ -186,13 +192,13 @@ def _presses(
     direction, room = (1.0, 0.0, 0.0), 0.0
     if size > 0.0:
         direction = x / size, y / size, z / size
-        advance = _find_advance(scene, node, direction, course)
+        advance = _find_advance(scene, node, direction, motion)
         room = distance - advance - bodies.position_error[place]
     if room > reach:
         return False, False
     if scene.tree.first_child[node] >= 0:
         return True, True
-    return True, not _recedes(scene, node, direction, room / reach * (1.0 - SUM_ROUNDING), course)
+    return True, not _recedes(scene, node, direction, room / reach * (1.0 - SUM_ROUNDING), motion)
 
 
 @kernel
@@ -220,7 +226,7 @@ def _is_touched(scene: Scene, row: int, watched: BoolArray, now: float) -> bool:
 
 @kernel
 def find_pressing_link(
-    handle: Any, row: int, watched: BoolArray, course: Course, now: float
+    handle: Any, row: int, watched: BoolArray, motion: PieceMotion, now: float
 ) -> int:
     """A link that may press an obstacle that is touched, where that was measured.
 
@@ -230,7 +236,7 @@ def find_pressing_link(
         handle: On the tick's `Scene`, its arm prepared.
         row: Of the obstacle.
         watched: Which links are watched against it. Shape (links,).
-        course: What the arm does.
+        motion: What the arm does.
         now: Time of the tick on the obstacles' clock, in [s].
     """
     scene = handle.content
@@ -245,7 +251,7 @@ def find_pressing_link(
             # Invariant: no sphere that was passed so far can touch it and press it.
             node = tree.root[link]
             while node >= 0:
-                can_touch, presses = _presses(scene, node, bodies, place, course)
+                can_touch, presses = _presses(scene, node, bodies, place, motion)
                 if can_touch and tree.first_child[node] >= 0:
                     node = tree.first_child[node]
                 elif presses:

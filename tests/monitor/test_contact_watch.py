@@ -258,3 +258,23 @@ def test_a_touched_arm_may_not_go_on_towards_a_head():
     answer = encounter.monitor.commit(make_retreat(encounter, (-0.03, 0.0, 0.0)))
     assert not answer.safe
     assert answer.obstacle == "p/head"
+
+
+def test_an_arm_that_rests_anew_after_a_piece_was_not_moved_by_contact():
+    """It is still touched at the end of the piece."""
+    encounter = Encounter(0.02, motion="planned")
+    approach(encounter, until=-0.006)
+    for _ in range(100):
+        encounter.see(away=encounter.away)
+        encounter.step()
+    plan = make_retreat(encounter, (-0.01, 0.0, 0.0))
+    assert np.abs(plan.q[-1] - plan.q[0]).max() > 3.0 * panda().position_error[0]
+    assert encounter.monitor.commit(plan).safe
+    place, curve = encounter.place(encounter.away), Hermite(plan.times, plan.q, plan.v)
+    for _ in range(800):
+        time = min((encounter.tick + 1) * PERIOD - plan.stamp, plan.times[-1])
+        encounter.see(position=place)
+        encounter.v = curve(time, 1)
+        verdict = encounter.step(curve(time))
+        assert MOVED not in kinds(verdict)
+    assert IN_CONTACT in kinds(verdict)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from armguard.bounds import CheckedPlan, Plan, append_stop, check_plan
+from armguard.bounds.arm import ArmMotion
 from armguard.jit.kernels import kernel
-from armguard.pairs.receding import find_pressing_link, sum_up_course
+from armguard.pairs.receding import find_pressing_link, sum_up_motion
 from armguard.pairs.touching import NO_LINK
 from armguard.robot.kinematics import Kinematics
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
@@ -49,7 +50,11 @@ class Touch:
 
     def presses(self, plan, *, may_leave=False):
         scheduler = self.encounter.scheduler
-        course = sum_up_course(plan, 0.0, HOME, may_leave=may_leave)
+        left = None
+        if may_leave:
+            motion = ArmMotion(panda(), 0.02, with_plans=True, with_velocities=True)
+            left = motion.planned.lay_out_left(plan)
+        course = sum_up_motion(plan, 0.0, HOME, left)
         watched = scheduler.certificates.watched[self.row]
         handle = scheduler.arm.state.handle
         return ask(handle, self.row, watched, course, 0.0) != NO_LINK
