@@ -244,8 +244,8 @@ class ReasonKind(enum.Enum):
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person has drawn back, or move the link away from the person; the arm "
-        "then goes on.",
+        "Wait until the person has drawn back; the arm then goes on. Or commit a piece on which "
+        "the arm surely recedes from the person.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",

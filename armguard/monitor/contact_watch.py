@@ -71,7 +71,10 @@ class ContactWatch:
         lasted = tick.now - self._since
         detail = f"for {lasted:.1f} s" if lasted >= SHOWN_FROM else ""
         reasons = [Reason(ReasonKind.IN_CONTACT, f"{link} and {obstacle}", detail)]
-        if not is_on_piece and tick.now >= self._rests_at:
+        if is_on_piece:
+            # It rests anew where the piece ends.
+            self._rest, self._rests_at = None, tick.now + tick.stop_time
+        elif tick.now >= self._rests_at:
             reasons += self._check_rest(tick)
         return reasons
 

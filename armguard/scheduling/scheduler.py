@@ -557,6 +557,12 @@ class Scheduler:
         """What contact with an obstacle of a set of regions is permitted."""
         return ContactLimit(*strictest_limit(self.arm.state.scene.contact_limits, regions))
 
+    def list_touchable(self, tick: Tick) -> IntArray:
+        """Rows of obstacles whose certificates do not say that nothing touches them. Shape (r,)."""
+        expiry = entries_of(self.certificates.expiry_tree)[: len(self.certificates.watched)]
+        rows: IntArray = np.flatnonzero(expiry <= tick.time)
+        return rows
+
     def find_speed_limit(self, pair: int) -> float:
         """How fast a surface may be that touches the obstacle of a pair, in [m/s]."""
         regions = int(self.arm.state.scene.marks.regions[pair // self._links])

@@ -233,6 +233,25 @@ class ContactLimits(msgspec.Struct, frozen=True):
         _, region, source = min(limits)
         return f"{region}: {source}"
 
+    def describe_permitted(self, regions: int) -> str:
+        """What contact with an obstacle of a set of regions is permitted, in words.
+
+        Args:
+            regions: As for `describe`.
+        """
+        stated = [
+            self.by_region.get(region) for region in REGIONS if (regions >> NUMBERS[region]) & 1
+        ]
+        limits = [limit for limit in stated if limit is not None and limit.max_speed > 0.0]
+        if not limits or len(limits) < len(stated) or regions & 1:
+            return self.describe_never(regions)
+        speed = min(limit.max_speed for limit in limits)
+        way = min(limit.max_way for limit in limits)
+        return (
+            f"at most {speed:.3g} m/s and, where it can be clamped, {1e3 * way:.3g} mm of way are "
+            f"permitted ({self.describe(regions)})"
+        )
+
     def describe_never(self, regions: int) -> str:
         """Why an obstacle with a set of regions may never be touched, in words."""
         for region, number in NUMBERS.items():

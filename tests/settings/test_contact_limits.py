@@ -208,3 +208,22 @@ def test_an_impact_may_press_harder_than_a_clamp():
 def test_an_impact_that_may_press_less_is_refused(stated):
     with pytest.raises(ArmguardError, match="transient_force"):
         ContactLimit(**stated, source="a study")
+
+
+def test_what_is_permitted_and_what_never_is_told_by_region_and_source():
+    hand = make_limit(force=150.0, stiffness=75e3, body_mass=0.75, source="A")
+    limits = ContactLimits({"hand": hand, "chest": make_limit(speed=0.2, source="B"),
+                            "neck": make_limit(speed=0.0, source="C")})  # fmt: skip
+    number = {region: 1 << NUMBERS[region] for region in REGIONS}
+    told = limits.describe_permitted
+    assert told(number["hand"]) == (
+        "at most 0.632 m/s and, where it can be clamped, 2 mm of way are permitted (hand: A)"
+    )
+    assert told(number["hand"] | number["chest"]) == (
+        "at most 0.2 m/s and, where it can be clamped, 0 mm of way are permitted (chest: B)"
+    )
+    assert limits.describe(number["hand"] | number["chest"], by="max_way") == "chest: B"
+    never = "may never be touched"
+    assert told(number["hand"] | number["neck"]) == f"{never} (neck: C)"
+    assert told(number["head"]) == f"{never} (head: no limit is stated for it)"
+    assert told(number["hand"] | 1) == told(0) == f"{never}: its region is not stated"
