@@ -50,7 +50,7 @@ class Arms(NamedTuple):
 
 def make_arms(joints: int) -> Arms:
     """For so many joints."""
-    return Arms(*np.zeros((2, joints)), np.zeros((2, joints)), np.zeros((3, joints)))
+    return Arms(np.zeros(joints), np.zeros(joints), np.zeros((2, joints)), np.zeros((3, joints)))
 
 
 @kernel
