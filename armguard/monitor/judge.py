@@ -150,7 +150,7 @@ class Judge:
             contact_time = 0.0
         # The soonest contact that is not permitted.
         harm_pair, harm_time = pair, contact_time
-        if self._limits is not None and not unplaced:
+        if self._limits is not None and pair != NOBODY:
             harm_pair, harm_expiry = self._scheduler.find_harm()
             harm_time = max(harm_expiry - tick.time, contact_time)
         standing = bool(reasons) and any(

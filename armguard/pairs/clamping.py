@@ -213,8 +213,18 @@ def _is_part_near(
     room = _find_room(sphere, other, radius + other_radius + gap)
     if room > most:
         return False
-    mine = placement.moves[placement.joint[node]]
-    fill_arms(sphere, radius, mine, other, other_radius, theirs, table.box, pair)
+    mine, box = placement.moves[placement.joint[node]], table.box
+    # Most that are left are away by levers already, which are there.
+    closes = 0.0
+    for j in range(mine.shape[0]):
+        if mine[j] != theirs[j]:
+            arm = sphere.lever[j] if mine[j] else other.lever[j]
+            if box.turning[j]:
+                arm += radius if mine[j] else other_radius
+            closes += arm * (box.span[2, j] + box.position_error[j])
+    if room > closes * (1.0 + SUM_ROUNDING):
+        return False
+    fill_arms(sphere, radius, mine, other, other_radius, theirs, box, pair)
     return not room > find_approach(pair, table.box)
 
 
@@ -238,11 +248,14 @@ def can_links_clamp(
     """
     gap, radius = limit.gap + scene.settings.margin, scene.tree.radius[node]
     sphere, count = sphere_of(scene, node), _count_parts(scene)
-    # Most links have another one near now.
-    for c in range(count):
+    # Most links have another one near now, and the same as before.
+    nearest = scene.clamp_room.nearest
+    for k in range(count):
+        c = (nearest[node] + k) % count
         other, other_radius, _ = _find_part(scene, sphere, c)
         room = _find_room(sphere, other, radius + other_radius + gap)
         if not room > 0.0 and _may_clamp(scene, node, c, limit):
+            nearest[node] = c
             return True
     set_span(table, 0, last, 1.0)
     most = _find_most(scene, table.box)

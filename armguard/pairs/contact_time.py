@@ -436,7 +436,8 @@ def rests_in_time(
             else:
                 # Most spheres are away from the obstacle.
                 is_safe = is_free_at_once(sphere_of(scene, node), table, hull, distance)
-                if not is_safe:
+                # What is dear is asked of the finest ones alone: others clamp nearly always.
+                if not is_safe and tree.first_child[node] < 0:
                     if near_count < 0:
                         near_count = find_near_obstacles(scene, link, row, table, last, now, limit)
                     is_safe, speed = _is_sphere_harmless(

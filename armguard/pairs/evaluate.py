@@ -88,7 +88,7 @@ class TickState:
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
         gaps = motion.link_gaps
         self._clamp_room = make_clamp_room(
-            motion.joint.lever.shape[1], len(gaps.parts) + len(gaps.base)
+            motion.joint.lever.shape[1], len(gaps.parts) + len(gaps.base), len(self.tree.radius)
         )
         self._kinematics = kinematics
         count = len(self.tree.radius)

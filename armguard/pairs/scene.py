@@ -73,12 +73,14 @@ class ClampRoom(NamedTuple):
     Shape (parts, 2, nv)."""
     near: IntArray
     """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
+    nearest: IntArray
+    """Which part was found near a sphere last: it is asked first. Shape (n,)."""
 
 
-def make_clamp_room(joints: int, parts: int) -> ClampRoom:
-    """Room for an arm with so many joints, and spheres that stand for its links."""
+def make_clamp_room(joints: int, parts: int, spheres: int) -> ClampRoom:
+    """Room for an arm with so many joints, spheres that stand for its links, and spheres in all."""
     closing, near = np.zeros((parts, 2, joints)), np.zeros(MOST_NEAR, dtype=np.int64)
-    return ClampRoom(make_arms(joints), closing, near)
+    return ClampRoom(make_arms(joints), closing, near, np.zeros(spheres, dtype=np.int64))
 
 
 class Settings(NamedTuple):
