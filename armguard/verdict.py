@@ -67,6 +67,13 @@ class ReasonKind(enum.Enum):
         "Nothing, if this contact is permitted; else remove the limit from the contact limits "
         "(docs/contact_limits.md).",
     )
+    CONTACT_FORBIDDEN = (
+        "contact not permitted",
+        Effect.NOTE,
+        "Nothing is wrong: the detail says by how much a contact limit would be exceeded. Keep the "
+        "arm slower there; where a part can be clamped, more room, or a limit with `force` and "
+        "`stiffness`, helps; where a region is not stated, state it (docs/contact_limits.md).",
+    )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
@@ -244,8 +251,8 @@ class ReasonKind(enum.Enum):
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person has drawn back, or move the link away from the person; the arm "
-        "then goes on.",
+        "Wait until the person has drawn back; the arm then goes on. Or commit a piece on which "
+        "the arm surely recedes from the person.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
@@ -346,6 +353,7 @@ def _weigh(kind: ReasonKind) -> int:
     notes = (
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.CONTACT_FORBIDDEN,
         ReasonKind.CONTACT,
         ReasonKind.CONTACT_ALLOWED,
     )

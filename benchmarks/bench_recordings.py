@@ -19,6 +19,7 @@ the next tick's STOP would bite, and that time is kept the same at every rate; a
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shlex
 import sys
@@ -47,6 +48,7 @@ BOUNDS = {"10 m/s², 2 m/s": (10.0, 2.0), "by body part": None}
 PLACEMENTS = ((-0.2, 0.2, -90.0), (0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0))
 WORKSPACE = ([-0.3, -0.6, 0.0], [0.75, 0.6, 1.2])  # of all moving links, before the base, [m]
 TRAJECTORY = 30.0  # [s], before it starts again
+NEXT_SEED = 10_000  # so much further is what takes the place of one through the arm itself
 PRICE_RATE, PRICE_SECONDS = 1000.0, 3.0  # of the run in which ticks are timed, [Hz] and [s]
 ACCELERATION = 0.125  # of the acceleration limits, at most, along the trajectory
 
@@ -120,27 +122,33 @@ class Workplace:
         ]
 
     def make_trajectory(self, case: Case) -> JointTrajectory:
-        """What the arm does in a case if it may."""
+        """What the arm does in a case if it may: of random trajectories the first without itself.
+
+        Random ones are not planned around the arm, and no real arm can go through itself.
+        """
         robot = self.robot
-        return random_trajectory(
-            robot,
-            100 * case.seed + find_recordings().index(case.path),
-            TRAJECTORY,
-            speed_fraction=self.fraction,
-            acceleration_fraction=float(
-                np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
-            ),
-            accept=self._accept,
-        )
+        acceleration = np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
+        first = 100 * case.seed + find_recordings().index(case.path)
+        for seed in itertools.count(first, NEXT_SEED):
+            trajectory = random_trajectory(
+                robot,
+                seed,
+                TRAJECTORY,
+                speed_fraction=self.fraction,
+                acceleration_fraction=float(acceleration),
+                accept=self._accept,
+            )
+            if not meets_itself(trajectory, self._run.seconds):
+                break
+        return trajectory
 
     def play(self, case: Case, people: People) -> Iterator[Found]:
         """One case: all rules judge it, then those of the obeying settings are obeyed."""
         run, trajectory = self._run, self.make_trajectory(case)
-        is_impossible = meets_itself(trajectory, run.seconds)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed
-            return Found(case.speed, rule.name, rule.setting, how, *where, outcome, is_impossible)
+            return Found(case.speed, rule.name, rule.setting, how, *where, outcome)
 
         judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
         for rule, outcome in zip(self.rules, judged, strict=True):

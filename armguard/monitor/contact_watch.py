@@ -16,6 +16,9 @@ from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Reason, ReasonKind, Verdict
 
+SHOWN_FROM = 0.1
+"""From when on it is told how long a contact has lasted, in [s]."""
+
 
 class ContactWatch:
     """Follows permitted contact from tick to tick.
@@ -64,9 +67,14 @@ class ContactWatch:
             self._since, self._rests_at = tick.now, tick.now + tick.stop_time
         self._pair = pair
         link, obstacle = self._scheduler.arm.names(pair)
-        detail = f"since {self._since:.3f} s"
+        # How long it has lasted is right on every clock, and the same in a replay.
+        lasted = tick.now - self._since
+        detail = f"for {lasted:.1f} s" if lasted >= SHOWN_FROM else ""
         reasons = [Reason(ReasonKind.IN_CONTACT, f"{link} and {obstacle}", detail)]
-        if not is_on_piece and tick.now >= self._rests_at:
+        if is_on_piece:
+            # It rests anew where the piece ends.
+            self._rest, self._rests_at = None, tick.now + tick.stop_time
+        elif tick.now >= self._rests_at:
             reasons += self._check_rest(tick)
         return reasons
 

@@ -879,7 +879,7 @@ def find_unsafe(
                     if limit > permitted:
                         permitted, permitted_link = limit, link
                 continue
-            answer, spent, speed = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent, speed, _ = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
             if answer == RESTS:
                 if speed > permitted:

@@ -25,8 +25,6 @@ class Found(NamedTuple):
     placement: int
     seed: int
     outcome: Judged | Obeyed
-    meets_itself: bool
-    """Whether the arm's trajectory leads through the arm."""
 
 
 class Results:

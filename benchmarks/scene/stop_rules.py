@@ -347,12 +347,16 @@ HELD = "held"
 """The cause of a STOP that lasts although nothing calls for it any more."""
 
 
+PAIR_KINDS = ReasonKind.CONTACT, ReasonKind.CONTACT_FORBIDDEN, ReasonKind.PLAN_UNSAFE
+"""Of reasons whose subjects name a link and an obstacle."""
+
+
 def find_cause(reasons: Iterable[Reason]) -> str:
     """Why an arm has to stop, in short: the obstacle that could be touched, or what else it is."""
     for reason in reasons:
         if reason.kind is ReasonKind.HOLD:
             return HELD
-        if reason.kind in (ReasonKind.CONTACT, ReasonKind.PLAN_UNSAFE):
+        if reason.kind in PAIR_KINDS:
             return reason.subject.rpartition(" and ")[2]
         if reason.subject == "last step":
             return reason.detail.removeprefix("was a STOP: ").partition(":")[0]

@@ -376,6 +376,25 @@ def test_the_benchmark_of_the_persons_own_speed_runs(load, capsys):
     assert "| separation distance |" in capsys.readouterr().out
 
 
+def test_a_trajectory_through_the_arm_itself_is_drawn_anew(load, monkeypatch):
+    bench = load("bench_recordings")
+    find_recordings(bench)
+    scope = load("scene.contestants").Scope((0.02,), (0.0,), (next(iter(bench.BOUNDS)),))
+    workplace = bench.Workplace(bench.Run(scope, (), 0, 100.0, 1.0), 0.8)
+    case = bench.Case(0.8, bench.find_recordings()[0], 0, 0)
+    seen = []
+
+    def reject_two(trajectory, seconds):
+        seen.append(trajectory)
+        return len(seen) < 3
+
+    monkeypatch.setattr(bench, "meets_itself", reject_two)
+    assert workplace.make_trajectory(case) is seen[2]
+    starts = [trajectory.sample(0.0)[0] for trajectory in seen]
+    assert not np.allclose(starts[0], starts[1])
+    assert not np.allclose(starts[1], starts[2])
+
+
 def test_an_arm_that_goes_through_itself_is_found_out(load):
     robot = Robot.load("panda")
     meets_itself = load("scene.self_contact").meets_itself

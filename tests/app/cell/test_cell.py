@@ -365,6 +365,14 @@ def test_the_example_of_the_page_is_one():
             "^cell: contact_limits.hand.body_mass: is missing beside energy",
         ),
         (
+            '[contact_limits.hand]\nsource = "a"',
+            "^cell: contact_limits.hand.speed: is missing, like energy and force; expected exactly",
+        ),
+        (
+            '[contact_limits.hand]\nspeed = 0.5\nforce = 140\nsource = "a"',
+            "^cell: contact_limits.hand.force: is given beside speed; expected exactly one of",
+        ),
+        (
             '[contact_limits.paw]\nspeed = 0.9\nsource = "a"',
             "^cell: contact_limits: names the region 'paw'; expected one of head",
         ),
