@@ -35,7 +35,7 @@ class LimitReasons:
 
     def reset(self) -> None:
         """Forget what was told; time may start anew."""
-        self._asked: tuple[int, str, float] | None = None
+        self._asked: tuple[int, str, int, float] | None = None
         self._asked_at = -math.inf
         self._told_forbidden: Reason | None = None
 
@@ -67,7 +67,7 @@ class LimitReasons:
         # It may have been removed since.
         if pair == NOBODY or not (row < len(ids) and ids[row]):
             return None
-        asked = pair, ids[row], horizon
+        asked = pair, ids[row], self._find_regions(pair), horizon
         if asked != self._asked or not tick.now - self._asked_at < TOLD_FOR:
             self._asked, self._asked_at = asked, tick.now
             self._told_forbidden = self._explain(tick, pair, horizon, begin)

@@ -13,8 +13,8 @@ import numpy as np
 
 from armguard.bounds.surface_speed import find_harmless_node, set_joints, speed_from
 from armguard.bounds.table_time import is_free_until
-from armguard.contact.bodies import Hull
 from armguard.jit.kernels import kernel
+from armguard.obstacles.partners import NO_PARTNER
 from armguard.obstacles.possible_states import possible_states
 from armguard.obstacles.regions import ContactLimit
 from armguard.pairs.clamping import (
@@ -25,11 +25,14 @@ from armguard.pairs.clamping import (
 )
 from armguard.pairs.contact_time import (
     TOUCHES,
+    StatePlace,
     contact_distance,
     hull_of,
     limit_of,
     moves_of,
     own_place,
+    partner_of,
+    partner_place,
     rests_in_time,
 )
 from armguard.pairs.scene import Scene, sphere_of
@@ -67,8 +70,12 @@ class Forbidden(NamedTuple):
 
 
 @kernel
-def _find_contact_node(scene: Scene, node: int, hull: Hull, distance: float) -> int:
-    """The last node of the braking table before which a sphere surely touches nothing."""
+def _find_contact_node(scene: Scene, node: int, state: StatePlace) -> int:
+    """The last node of the braking table before which a sphere surely does not touch a body."""
+    bodies = scene.refused if state.is_refused else scene.bodies
+    hull, distance = (
+        hull_of(bodies, state.place, state.age), contact_distance(scene, node, bodies, state)
+    )  # fmt: skip
     sphere, table = sphere_of(scene, node), scene.braking
     # Invariant: it is free until `free`, and not known to be until `met`.
     free, met = 0, table.time.shape[0] - 1
@@ -149,14 +156,13 @@ def find_forbidden(handle: Any, first: int, row: int, watched: Any, now: float) 
         answer, _, _, node = rests_in_time(handle, link, row, now, MANY)
         if answer != TOUCHES or node < 0:
             continue
-        touch = scene.braking.time.shape[0] - 1
+        touch = last = scene.braking.time.shape[0] - 1
         for k in possible_states(marks, row):
-            state = own_place(scene, row, k, now)
-            bodies = scene.refused if state.is_refused else scene.bodies
-            hull, distance = (
-                hull_of(bodies, state.place, state.age),
-                contact_distance(scene, node, bodies, state),
-            )
-            touch = min(touch, _find_contact_node(scene, node, hull, distance))
+            touch = min(touch, _find_contact_node(scene, node, own_place(scene, row, k, now)))
+        partner = partner_of(scene, row, now, scene.braking.time[last])
+        if partner.row != NO_PARTNER:
+            # It is where both say.
+            by_partner = _find_contact_node(scene, node, partner_place(scene, partner, now))
+            touch = max(touch, by_partner)
         return _explain_sphere(scene, link, node, row, touch, limit_of(scene, row), now)
     return Forbidden(PERMITTED, first, 0.0, NOBODY)

@@ -38,7 +38,6 @@ from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import possible_states
-from armguard.obstacles.table import States
 from armguard.pairs.contact_time import StatePlace, contact_distance, own_place
 from armguard.pairs.scene import Scene
 from armguard.pairs.touching import NO_LINK
@@ -175,13 +174,12 @@ def _recedes(
 
 
 @kernel
-def _presses(
-    scene: Scene, node: int, bodies: States, state: StatePlace, motion: PieceMotion
-) -> tuple[bool, bool]:
+def _presses(scene: Scene, node: int, state: StatePlace, motion: PieceMotion) -> tuple[bool, bool]:
     """Whether a sphere can touch a body as it was measured, and whether it may press it then.
 
     Of a sphere with children only the first is asked.
     """
+    bodies = scene.refused if state.is_refused else scene.bodies
     center, place = scene.arm.centers[node], state.place
     distance, x, y, z = distance_to_hull(
         center[0], center[1], center[2], bodies.points[place], bodies.velocities[place],
@@ -207,14 +205,14 @@ def _is_touched(scene: Scene, row: int, watched: BoolArray, now: float) -> bool:
     marks, tree = scene.marks, scene.tree
     for number in possible_states(marks, row):
         state = own_place(scene, row, number, now)
-        bodies = scene.refused if state.is_refused else scene.bodies
+        bodies, place = scene.refused if state.is_refused else scene.bodies, state.place
         for link in range(tree.root.shape[0]):
             node = tree.root[link] if watched[link] else -1
             while node >= 0:
                 center = scene.arm.centers[node]
                 distance, _, _, _ = distance_to_hull(
-                    center[0], center[1], center[2], bodies.points[state.place],
-                    bodies.velocities[state.place], bodies.point_count[state.place],
+                    center[0], center[1], center[2], bodies.points[place],
+                    bodies.velocities[place], bodies.point_count[place],
                 )  # fmt: skip
                 if distance > contact_distance(scene, node, bodies, state):
                     node = tree.skip[node]
@@ -246,14 +244,13 @@ def find_pressing_link(
         return NO_LINK
     for number in possible_states(marks, row):
         state = own_place(scene, row, number, now)
-        bodies = scene.refused if state.is_refused else scene.bodies
         for link in range(tree.root.shape[0]):
             if not watched[link]:
                 continue
             # Invariant: no sphere that was passed so far can touch it and press it.
             node = tree.root[link]
             while node >= 0:
-                can_touch, presses = _presses(scene, node, bodies, state, motion)
+                can_touch, presses = _presses(scene, node, state, motion)
                 if can_touch and tree.first_child[node] >= 0:
                     node = tree.first_child[node]
                 elif presses:
