@@ -84,8 +84,8 @@ def partner_of(scene: Scene, row: int, now: float, horizon: float) -> Partner:
         # Else all these arrays would be handed over for nothing.
         return ALONE
     return find_partner(
-        scene.tethers, scene.bodies, scene.refused, scene.marks, row, now, horizon,
-        scene.arm.arm_ball,
+        scene.tethers, scene.bodies, scene.refused, scene.marks, scene.contact_limits,
+        row, now, horizon, scene.arm.arm_ball,
     )  # fmt: skip
 
 
