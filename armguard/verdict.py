@@ -21,7 +21,8 @@ class Level(enum.IntEnum):
     """Brake now, unless `Verdict.stop` says that the committed piece may be finished: contact could
     come before the arm can stand still, or something is unknown."""
     SLOW = 1
-    """Contact is less than `slow_margin` beyond the stopping time."""
+    """Contact is less than `slow_margin` beyond the stopping time. Never on a committed piece that
+    is proved safe to its end."""
     AWARE = 2
     """Contact is less than `aware_margin` beyond the stopping time."""
     CLEAR = 3
@@ -468,6 +469,9 @@ class Verdict(NamedTuple):
     stop: Literal["finish", "brake"] | None = None
     """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
+    proved_until: float | None = None
+    """By when the arm surely rests at the end of the committed piece that the verdict rests on, and
+    that is proved safe; the latest time where it may be on several. None: it is on none."""
     held: Held | None = None
     """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
     harm_time: float = 0.0
@@ -480,9 +484,10 @@ class Verdict(NamedTuple):
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"
+        proved = "" if self.proved_until is None else f", proved until {self.proved_until:.3f} s"
         return (
             f"{self.level.name} at {self.stamp:.3f} s: {pair}, {self.describe_times()}, allowed "
-            f"speed {100.0 * self.speed_scale:.0f} %"
+            f"speed {100.0 * self.speed_scale:.0f} %{proved}"
         )
 
     def describe_times(self) -> str:

@@ -60,6 +60,12 @@ def test_a_verdict_tells_the_time_of_harm_where_contact_limits_are_stated():
     assert "contact time 0.050 s, harm time 0.500 s, stop time 0.100 s" in told
 
 
+def test_a_verdict_tells_until_when_the_piece_is_proved_that_it_rests_on():
+    verdict = Verdict(0.0, 1, Level.AWARE, 0.05, 0.1, 1.0, None, None, True, 0, (), 0.003)
+    assert "proved" not in str(verdict)
+    assert str(verdict._replace(proved_until=2.5)).endswith("speed 100 %, proved until 2.500 s")
+
+
 def test_a_verdict_is_frozen():
     verdict = Verdict(0.0, 1, Level.STOP, 0.0, 1.0, 0.0, None, None, False, 0, (), 0.003)
     with pytest.raises(AttributeError):

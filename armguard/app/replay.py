@@ -52,6 +52,7 @@ _AS_THEY_ARE = (
     "complete",
     "evaluated",
     "stop",
+    "proved_until",
 )
 """Fields of a verdict that the table has as they are."""
 

@@ -238,6 +238,7 @@ class MonitorFeed:
                 rises_at=None if verdict.held is None else verdict.held.rises_at,
                 harm_time=None if verdict.contact_speed is None else verdict.harm_time,
                 contact_speed=verdict.contact_speed,
+                proved_until=verdict.proved_until,
             ),
             load=load,
             sphere_times=sphere_times.astype("<f4").tobytes(),

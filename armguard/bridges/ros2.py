@@ -337,6 +337,8 @@ def describe_verdict(verdict: Verdict | None) -> Diagnostic:
     }
     if verdict.contact_speed is not None:
         values["contact_speed"] = f"{verdict.contact_speed:.6g}"
+    if verdict.proved_until is not None:
+        values["proved_until"] = f"{verdict.proved_until:.6f}"
     return Diagnostic(level, f"{verdict.level.name}{why}", values)
 
 

@@ -100,6 +100,9 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     stop: Literal["finish", "brake"] | None
     """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
     level is another"""
+    proved_until: float | None
+    """by when the arm surely rests at the end of the committed piece that the verdict rests on, and
+    that is proved safe, [s] of the machine's monotonic clock; nil where it is on none"""
     held: HeldMessage | None
     """why the level is held, though this tick alone would earn a higher one; nil: it is not"""
     harm_time: Figure
@@ -227,7 +230,7 @@ def read_verdict(
         raise ValueError(f"level {message.level!r}")
     fields["level"] = Level[message.level]
     fields["reasons"] = _read_reasons(message.reasons)
-    for name in ("separation", "contact_speed"):
+    for name in ("separation", "proved_until", "contact_speed"):
         if fields[name] is not None:
             fields[name] = read(fields[name])
     if message.certificate is not None:
@@ -270,6 +273,8 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
     message.stamp = verdict.stamp + offset
     # Never too long.
     message.valid_until = math.nextafter(verdict.valid_until + offset, -math.inf)
+    if verdict.proved_until is not None:
+        message.proved_until = verdict.proved_until + offset
     if message.held is not None and verdict.held is not None:
         message.held.since = verdict.held.since + offset
         message.held.rises_at = verdict.held.rises_at + offset

@@ -183,6 +183,13 @@ class CommittedPieces:
         return [*(piece.plan for piece in self._pieces), *self._open]
 
     @property
+    def proved_until(self) -> float | None:
+        """By when an arm on any of the proved pieces surely rests, in [s]; None: it is on none."""
+        if not self.is_proved:
+            return None
+        return max(_find_end(piece.course) for piece in self._pieces)
+
+    @property
     def permitted(self) -> tuple[int, float]:
         """The fastest contact that is possible on a kept piece, as is permitted.
 
@@ -539,9 +546,14 @@ class CommittedPieces:
         return place
 
 
+def _find_end(course: PlannedCourse) -> float:
+    """When an arm on this course has come to rest, in [s]."""
+    return course.epoch + float(course.end[-1])
+
+
 def _is_at_rest(course: PlannedCourse, now: float) -> bool:
     """Whether an arm on this course has come to rest by then, in [s]."""
-    return course.epoch + float(course.end[-1]) <= now
+    return _find_end(course) <= now
 
 
 @kernel

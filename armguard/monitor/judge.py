@@ -183,7 +183,7 @@ class Judge:
             reasons.append(Reason(ReasonKind.OVERDUE, detail=f"{overdue} pairs"))
             standing = True
         proved = None
-        earned = rule.grade(harm_time, stop_time, rests=rests)
+        earned = rule.grade(harm_time, stop_time, rests=rests, whole=is_proved)
         permitted = None
         if self._limits is not None and is_proved:
             permitted = self._find_permitted_on_piece()
@@ -196,16 +196,20 @@ class Judge:
             earned = AWARE
         may_slow = earned is SLOW and not (standing or rule.latched or rule.holds_stop(tick.now))
         if may_slow:
-            proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
-        level, held = rule.decide(
+            proved = self._find_proved_scale(tick, harm_time)
+        decided, held = rule.decide(
             tick.now,
             # At the end of a scale of 1 an arm at any speed rests in time.
             AWARE if proved == 1.0 else earned,
             complete=complete,
             standing=standing,
         )
-        if level is SLOW and proved is None:
-            proved = self._find_proved_scale(tick, harm_time, is_proved=is_proved)
+        level = decided
+        if level is SLOW and is_proved:
+            # Held since before it was on the piece, and nothing is gained by a slower one.
+            level, held = AWARE, earned is CLEAR
+        elif level is SLOW and proved is None:
+            proved = self._find_proved_scale(tick, harm_time)
         scale = self._give_scale(tick, level, proved, is_proved=is_proved)
         names = NO_NAMES if pair == NOBODY else self._scheduler.arm.names(pair)
         if level is not CLEAR and pair != NOBODY and earned is not CLEAR:
@@ -230,7 +234,7 @@ class Judge:
             rule.keep_cause(tick.now, harm_time, stop_time, reasons)
         cause = None
         if held:
-            cause = rule.find_cause(level)
+            cause = rule.find_cause(decided)
             reasons.insert(0, Reason(ReasonKind.HOLD, detail=cause.describe(level, tick.now)))
         waiting = self._scheduler.waiting if level is STOP and complete else 0
         if waiting:
@@ -297,10 +301,11 @@ class Judge:
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
         latched = self._rule.latched
+        proved_until = None if self.pieces is None else self.pieces.proved_until
         stop = None
         if level is STOP:
             # On a piece of trajectory that is proved, and ends at rest, the arm may run it.
-            stop = FINISH if self.pieces is not None and self.pieces.is_proved else BRAKE
+            stop = BRAKE if proved_until is None else FINISH
         # A named tuple's own constructor takes twice as long.
         return tuple.__new__(
             Verdict,
@@ -319,6 +324,7 @@ class Judge:
                 None,
                 None,
                 stop,
+                proved_until,
                 cause,
                 contact.harm_time,
                 contact.speed,
@@ -377,14 +383,12 @@ class Judge:
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
-    def _find_proved_scale(self, tick: Tick, contact_time: float, *, is_proved: bool) -> float:
+    def _find_proved_scale(self, tick: Tick, contact_time: float) -> float:
         """What is proved of a speed scale, as far as it may be given out; 1: of any speed.
 
         A scale that promises something is never above what brakes are stated for. Safety does not
         rest on it: whether an arm that is faster has to stop, is what the level says.
         """
-        if is_proved:
-            return 1.0
         stopping = self._stopping
         if stopping is None:
             # An arm that is no faster can brake before contact, whatever it does in this tick.

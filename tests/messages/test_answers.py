@@ -110,6 +110,14 @@ def test_the_margin_of_the_separation_distance_survives_the_wire(margin):
 
 
 @ENCODINGS
+def test_until_when_a_piece_is_proved_is_told_on_the_machines_clock(as_json):
+    on_it = VERDICT._replace(level=Level.AWARE, proved_until=12.5)
+    found = decode_answer(encode_verdict(on_it, 0.25, as_json=as_json))
+    assert (found.proved_until, found.stamp) == (12.75, VERDICT.stamp + 0.25)
+    assert decode_answer(encode_verdict(VERDICT, 0.25, as_json=as_json)).proved_until is None
+
+
+@ENCODINGS
 @pytest.mark.parametrize("harm_time", [0.0, 0.125, math.inf])
 @pytest.mark.parametrize("contact_speed", [0.0, 0.21, math.inf, None])
 def test_what_contact_limits_permit_survives_the_wire(contact_speed, harm_time, as_json):

@@ -260,6 +260,26 @@ def test_on_its_piece_an_arm_may_go_where_it_would_have_to_stop_without():
         assert verdicts[-1].speed_scale == (1.0 if commits else 0.0)
 
 
+def test_on_a_proved_piece_no_level_asks_for_less_speed_and_the_verdict_says_until_when():
+    obstacles, monitor = make_monitor(motion="planned", reaction_time=0.1)
+    see(obstacles, 0.0, [-0.85, 0.0, 0.5], accel=0.1, speed=0.1)
+    before = [monitor.step(k * PERIOD, HOME, STILL) for k in range(2)][-1]
+    assert (before.level, before.proved_until) == (Level.SLOW, None)
+    piece = make_plan(stamp=PERIOD)
+    assert monitor.commit(piece).safe
+    held = [monitor.step((2 + k) * PERIOD, HOME, STILL) for k in range(2)]
+    for verdict in held:
+        # The SLOW of before is not over, and costs nothing here.
+        assert (verdict.level, verdict.speed_scale) == (Level.AWARE, 1.0)
+        # A joint that is off the piece by its velocity error rests a little later.
+        assert 0.0 <= verdict.proved_until - (PERIOD + DURATION) < 0.05
+        assert verdict.stop is None
+    strayed = monitor.step(5 * PERIOD, HOME + 0.01, STILL)
+    assert strayed.level < Level.AWARE
+    assert strayed.proved_until is None
+    assert strayed.speed_scale < 1.0
+
+
 def test_a_piece_that_nothing_new_is_seen_on_is_judged_once():
     _, monitor = start(0.3)
     plan = make_plan()

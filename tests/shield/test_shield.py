@@ -7,7 +7,7 @@ from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard.shield import Path, Shield
 from armguard.shield.shield import LEAST_GRAIN
-from armguard.verdict import BRAKE
+from armguard.verdict import BRAKE, FINISH, Level
 from support.shielded_arm import HOME, RATE, ShieldedArm
 
 NEAR = np.array([0.5, 0.1, 0.0, 0.1, 0.0, 0.2, 0.0])
@@ -114,6 +114,26 @@ def test_every_command_is_what_the_monitor_has_committed_last():
             assert not command.v[-1].any()
             assert (np.diff(command.times) >= LEAST_GRAIN).all()
     assert shown
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_proved_pieces_no_verdict_asks_an_arm_to_slow_down(seed):
+    """One that obeys levels and scales as documented is as fast as one that ignores them."""
+    arm = ShieldedArm(seed, balls=2, reaction_time=0.1)
+    arm.shield.set_path(make_path(np.random.default_rng(seed)))
+    proved = 0
+    for _ in range(300):
+        verdict = arm.step(velocity=NEAR if seed == 2 else None).verdict
+        if verdict.proved_until is None:
+            assert verdict.stop in (None, BRAKE)
+            continue
+        proved += 1
+        if verdict.level is Level.STOP:
+            assert verdict.stop == FINISH
+        else:
+            assert verdict.level >= Level.AWARE
+            assert verdict.speed_scale == 1.0
+    assert proved > 200
 
 
 def test_a_jog_keeps_the_velocity_and_stops_before_position_limits():

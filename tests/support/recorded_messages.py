@@ -59,6 +59,7 @@ VERDICTS = [
     VERDICT._replace(link=None, obstacle=None, level=Level.STOP, stop="brake"),
     VERDICT._replace(separation=-0.125, stop="finish", certificate=PROOF),
     VERDICT._replace(reasons=(), stamp=-0.0),
+    VERDICT._replace(stop="finish", proved_until=0.1 + 0.2),
     VERDICT._replace(held=Held(None, math.inf, 0.25, 1.5, 2.0)),
     VERDICT._replace(held=Held(CAUSE, 0.1, 0.25, -0.0, 2.0)),
     VERDICT._replace(contact_time=-0.0, harm_time=5e-324, contact_speed=0.1 + 0.2),

@@ -55,7 +55,13 @@ class ShieldedArm:
     """
 
     def __init__(
-        self, seed: int, *, balls: int = 2, operating: bool = True, **options: object
+        self,
+        seed: int,
+        *,
+        balls: int = 2,
+        operating: bool = True,
+        reaction_time: float = 0.02,
+        **options: object,
     ) -> None:
         random = np.random.default_rng(seed)
         robot = Robot.load("panda")
@@ -67,6 +73,7 @@ class ShieldedArm:
             rate=RATE,
             motion="planned",
             operating=limits if operating else None,
+            reaction_time=reaction_time,
         )
         self.shield = Shield(self.monitor, jerk=JERK, rate=RATE, **options)
         self.command: Command | None = None

@@ -567,6 +567,19 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     page.wait_for_selector("#latch", state="hidden")
 
 
+def test_a_proved_piece_is_shown_only_where_the_arm_is_on_one(feed, page):
+    feed.show("AWARE")
+    wait_for_text(page, "contact", "400 ms")
+    assert not page.is_visible("#proved")
+    on_it = msgspec.structs.replace(show_person("AWARE")["verdict"], proved_until=40.25)
+    feed.show("AWARE", verdict=on_it, now=40.0)
+    wait_for_text(page, "proved", "250 ms")
+    assert page.is_visible("#proved")
+    # An arm that has come to rest there goes on resting.
+    feed.show("AWARE", verdict=on_it, now=41.0)
+    wait_for_text(page, "proved", "0 ms")
+
+
 def test_a_level_that_is_held_tells_its_cause_and_when_it_may_rise(feed, page):
     cause = "panda_link1 and <b>left_hand</b>, contact time 46 ms, stop time 83 ms"
     begun = msgspec.structs.replace(show_person("STOP")["verdict"], since=39.9, cause=cause)

@@ -69,6 +69,7 @@ export class Panels {
     element("stop").textContent = stopTime(verdict.stop_time);
     element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
     this.showCause(verdict);
+    this.showProved(verdict);
     element("link").textContent = verdict.link || "none";
     element("obstacle").textContent = verdict.obstacle || "none";
     // What is latched stands in its own panel, with what to do about it.
@@ -119,6 +120,12 @@ export class Panels {
     if (!isLimited) return;
     this.showTime("harm", harm_time, harm_level);
     element("touch").textContent = speed(contact_speed);
+  }
+
+  // What there is only on a committed piece that is proved safe to its end.
+  showProved({ proved_until, now }) {
+    element("proved").parentElement.hidden = proved_until === null;
+    if (proved_until !== null) element("proved").textContent = seconds(Math.max(0, proved_until - now));
   }
 
   // A level that is held tells what it began with, since when, and when it may rise.
