@@ -8,7 +8,7 @@ still time to slow down gently, and that is what the others do.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -47,6 +47,27 @@ class Task(Protocol):
 
     def find_scale(self, motion: Motion, time: float) -> float:
         """How fast a motion is at a time in [s], as a share of what was asked for; 0 to 1."""
+
+
+_Pace = TypeVar("_Pace", float, FloatArray)
+
+
+def _vary_pace(
+    wanted: _Pace, current: _Pace, look_ahead: float, period: float, share: float
+) -> Iterator[tuple[_Pace, float]]:
+    """What to go on at, and for how long in [s], before a motion stops; the best first.
+
+    Args:
+        wanted: What was asked for: a pace, or velocities.
+        current: What the arm goes at.
+        look_ahead: In [s].
+        period: Of steps, in [s].
+        share: Of full speed, that `current` is.
+    """
+    yield wanted, look_ahead
+    if share > CREEPING:
+        yield current, max(HOLD_SHARE * look_ahead, period)
+        yield GENTLE * current, period
 
 
 class FollowPaths:
@@ -135,14 +156,8 @@ class FollowPaths:
         self, path: TimedPath, place: tuple[float, float, float], begin: float
     ) -> Iterator[Motion]:
         """At full pace, at the same one, and slowing down gently."""
-        pace, ahead = place[1], self._look_ahead
-        options = [(1.0, ahead)]
-        if pace > CREEPING:
-            options += [
-                (pace, max(HOLD_SHARE * ahead, self._period)),
-                (GENTLE * pace, self._period),
-            ]
-        for wanted, lasting in options:
+        pace = place[1]
+        for wanted, lasting in _vary_pace(1.0, pace, self._look_ahead, self._period, pace):
             going = self._changes.go_and_stop(path, place, begin, lasting, wanted)
             if going is not None:
                 yield going
@@ -175,14 +190,12 @@ class KeepVelocity:
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         state = motion.sample(np.array([begin]))
-        wanted, ahead = self._clip(state.q[0]), self._look_ahead
+        wanted = self._clip(state.q[0])
         if motion.end <= begin and not wanted.any():
             return
         v = state.v[0]
-        options = [(wanted, ahead)]
-        if np.abs(v / self._limits.velocity).max() > CREEPING:
-            options += [(v, max(HOLD_SHARE * ahead, self._period)), (GENTLE * v, self._period)]
-        for velocity, lasting in options:
+        share = float(np.abs(v / self._limits.velocity).max())
+        for velocity, lasting in _vary_pace(wanted, v, self._look_ahead, self._period, share):
             yield self._changes.go_and_stop(state, begin, lasting, velocity)
 
     def find_scale(self, motion: Motion, time: float) -> float:
