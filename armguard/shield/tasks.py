@@ -86,12 +86,27 @@ class FollowPaths:
     def __init__(
         self, paths: Sequence[Path], limits: MotionLimits, period: float, look_ahead: float
     ) -> None:
-        self._paths = [TimedPath(path, limits) for path in paths]
-        self._limits, self._period, self._look_ahead = limits, period, look_ahead
-        self._changes = PaceChanges(limits)
+        self._period, self._look_ahead = period, look_ahead
+        self._untimed = paths
+        self._paths = self._time(limits)
         self._path = self._paths[0]
         self._place = 0.0
         self._back: TimedPath | None = None
+
+    def follow_limits(self, limits: MotionLimits) -> None:
+        """Go on within other limits, from where the arm rests."""
+        number, before = self._paths.index(self._path), self._path
+        q = before.evaluate(np.array([self._place]))[0][0]
+        self._paths = self._time(limits)
+        self._path = after = self._paths[number]
+        # The clocks of both tell the same places in nearly the same proportions.
+        about = self._place * after.duration / before.duration
+        self._place, _ = after.find_nearest(q, about - PASSED, about + PASSED)
+        self._back = None
+
+    def _time(self, limits: MotionLimits) -> list[TimedPath]:
+        self._limits, self._changes = limits, PaceChanges(limits)
+        return [TimedPath(path, limits) for path in self._untimed]
 
     @property
     def progress(self) -> float:
