@@ -117,6 +117,7 @@ class Shield:
         self._task: Task | None = None
         self._follow_payload()
         self._piece: _Piece | None = None
+        self._now = 0.0
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
         empty = np.empty((0, joints))
@@ -177,15 +178,16 @@ class Shield:
                 Shape (k, nv).
         """
         verdict = self._monitor.step(now if stamp is None else stamp, q, v, now)
+        time = _read_numbers(now)
+        if time is None or time.shape != ():
+            return self._go_on(verdict, _refuse("now", "is no finite number"))
+        now = self._now = float(time)
         piece = self._find_piece(now, q, v, verdict)
         if self._payload != self._monitor.payload and (piece is None or piece.end <= now):
             self._follow_payload()
         reason = self._choose_task(velocity, chunk)
         if piece is None:
-            return Command(
-                *self._nowhere, False, now, 0.0, False, BRAKE, verdict, reason,
-                verdict.contact_speed,
-            )  # fmt: skip
+            return self._go_on(verdict, reason)
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
             shown: list[_Piece] = []
@@ -209,6 +211,19 @@ class Shield:
             reason,
             verdict.contact_speed,
             executed,
+        )
+
+    def _go_on(self, verdict: Verdict, reason: Reason | None) -> Command:
+        """The motion that the arm is on, if there is one, in a step that finds no other.
+
+        Whether it is still proved is not known without a time.
+        """
+        piece = self._piece
+        samples = self._nowhere if piece is None else piece.samples
+        end = self._now if piece is None else float(samples.times[-1])
+        moves = bool(end > self._now and samples.v.any())
+        return Command(
+            *samples, False, end, 0.0, moves, BRAKE, verdict, reason, verdict.contact_speed
         )
 
     def _follow_payload(self) -> None:
