@@ -26,11 +26,12 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.robot.brakes import find_gentlest_stop
+from armguard.shield.changes import MotionError
 from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, PlanChoice, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -120,6 +121,8 @@ class Shield:
         self._now = 0.0
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
+        error = robot.position_error + self._errors[0]
+        self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
@@ -191,7 +194,10 @@ class Shield:
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
             shown: list[_Piece] = []
-            choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            try:
+                choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            except MotionError as error:
+                choice, reason = PlanChoice(None, ()), _refuse(error.offender, error.problem)
             if choice.verdicts and not choice.verdicts[0].safe:
                 reason = reason or choice.verdicts[0].reasons[0]
             if choice.number is not None:
@@ -272,7 +278,7 @@ class Shield:
 
         An arm whose motion is not proved any more may brake by its own means. It is taken to be
         where it was measured once it rests and the motion has ended. So is one that is at rest and
-        on no proved motion: somebody may have moved it.
+        on no proved motion: somebody may have moved it. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
@@ -284,7 +290,8 @@ class Shield:
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
-        if not (np.abs(speeds) <= self._at_rest).all():
+        is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
+        if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
         self._has_left = False
         rest = Rest(place, now)

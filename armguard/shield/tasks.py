@@ -14,7 +14,7 @@ import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
-from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.changes import JointChanges, MotionError, PaceChanges
 from armguard.shield.motion import AlongPath, JointByJoint, Motion, Phase
 from armguard.shield.path import SAME_PLACE, MotionLimits, Path, TimedPath
 
@@ -29,6 +29,9 @@ CREEPING = 0.02
 
 FAR = 4.0
 """How many times farther ahead is looked where there are several paths to choose from."""
+
+FARTHEST_BACK = 10.0
+"""From no farther off its path, in [rad] and [m], an arm is led back to it."""
 
 PASSED = 1.0
 """How far ahead on its path an arm may have come to rest that left it to brake, in [s]."""
@@ -133,6 +136,9 @@ class FollowPaths:
         elif not rests:
             return
         starts = list(self._find_starts(motion, begin))
+        if not starts:
+            far = f"is more than {FARTHEST_BACK:g} rad or m from where a joint rests"
+            raise MotionError("path", far)
         for lasting in (FAR * self._look_ahead, self._look_ahead)[len(starts) < 2 :]:
             for path, start in starts:
                 if start < path.duration:
@@ -161,7 +167,7 @@ class FollowPaths:
                 place, apart = path.find_nearest(q, 0.0, path.duration)
             if apart <= SAME_PLACE:
                 yield path, place
-            elif path is self._path:
+            elif path is self._path and apart <= FARTHEST_BACK:
                 # Back to the path, straight on, from where it was left to brake.
                 back = np.stack([q, path.evaluate(np.array([place]))[0][0]])
                 self._back = TimedPath(Path(back), self._limits)
