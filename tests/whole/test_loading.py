@@ -14,6 +14,7 @@ PATIENCE = 300.0  # a cold start compiles
 NOT_LOADED = (
     # whole wings
     "armguard.bridges",
+    "armguard.drivers",
     "armguard.lab",
     "armguard.recording",
     # what makes and proves a cover, and other formats of it

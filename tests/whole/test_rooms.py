@@ -43,6 +43,7 @@ ROOMS = {
     "verdict",
     "people": "obstacles jit",
     "bridges": "messages monitor robot obstacles verdict",
+    "drivers": "streams verdict",
     "app": "all but lab",
     "lab": EVERYTHING,
 }
