@@ -223,8 +223,7 @@ def play(
             q, v = place_at(command, begin + at)
             leaves.place(q, v)
             moves = bool(np.abs(v).max() > 1e-9)
-            if people.yields:
-                people.advance(at, period / CLOSE_STEPS, leaves)
+            people.advance(at, period / CLOSE_STEPS, leaves)
             frame = people.frame(at)
             gaps = leaves.gaps(people.ends_at(at), RADII)
             broken = stream.broke[frame] | people.is_filled[frame]
