@@ -1,0 +1,163 @@
+"""A shielded environment does what is asked for as far as that is proved, and nothing else."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.utils.env_checker import check_env
+
+import armguard
+from armguard.exceptions import ArmguardError
+from armguard.gymnasium import ShieldedEnv
+from support.joint_env import POINTS, JointEnv
+from support.shielded_arm import HOME
+
+KINDS = "velocity", "position", "chunk"
+NEAR = np.array([0.3, 0.1, 0.0, -0.1, 0.0, 0.2, 0.0])
+
+
+def draw_action(random, env):
+    """Far and near, fast and slow."""
+    size = random.choice([0.1, 1.0])
+    if env.unwrapped.command == "velocity":
+        return random.uniform(-size, size, 7)
+    if env.unwrapped.command == "position":
+        return HOME + random.uniform(-size, size, 7)
+    steps = random.uniform(-0.03 * size, 0.03 * size, (1, 7))
+    return env.unwrapped.q + np.arange(1, POINTS + 1)[:, None] * steps
+
+
+def play(env, seed, steps):
+    """Everything that is seen and told, of random actions that are kept for a while."""
+    random, action = np.random.default_rng(seed), None
+    seen, _ = env.reset(seed=seed)
+    told = [seen]
+    for step in range(steps):
+        if step % 10 == 0 or env.unwrapped.command == "chunk":
+            action = draw_action(random, env)
+        seen, reward, _, _, info = env.step(action)
+        told += [seen, reward, info]
+    return told
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whatever_is_asked_for_nothing_is_touched_while_the_arm_moves(kind):
+    steps = 300 if kind != "chunk" else 60
+    moved, slowed, free = 0.0, 0, 0
+    for seed in range(3):
+        env = ShieldedEnv(JointEnv(kind, balls=2))
+        told = play(env, seed, steps)
+        assert env.unwrapped.contacts == 0
+        moved += np.abs(np.diff(np.array(told[1::3])[:, :7], axis=0)).sum()
+        slowed += sum(info["armguard"]["reason"] is not None for info in told[3::3])
+        alone = JointEnv(kind, balls=2)
+        play(alone, seed, steps)
+        free += alone.contacts
+    assert moved > 1.0
+    assert slowed > 0
+    assert free > 0, "else there is nothing to be kept from"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_seed_gives_the_same_steps_to_the_bit(kind):
+    env, other = ShieldedEnv(JointEnv(kind)), ShieldedEnv(JointEnv(kind))
+    first = play(env, 5, 40)
+    play(env, 6, 40)
+    for again in (play(env, 5, 40), play(other, 5, 40)):
+        for one, two in zip(first, again, strict=True):
+            np.testing.assert_equal(one, two)
+
+
+def test_where_nothing_is_near_the_arm_does_what_it_is_asked_to():
+    env = ShieldedEnv(JointEnv("velocity", balls=0), obstacles={"sources": ["default"]})
+    env.reset(seed=0)
+    for _ in range(60):
+        _, _, _, _, info = env.step(NEAR)
+    assert env.unwrapped.v == pytest.approx(NEAR, abs=1e-3)
+    told = info["armguard"]
+    assert told["level"] == "CLEAR"
+    assert told["scale"] == pytest.approx(1.0)
+    assert told["reason"] is None
+    assert told["contact_time"] > 1.0
+    assert told["contact_speed"] is None
+    assert set(told) == {"level", "scale", "reason", "contact_time", "contact_speed"}
+
+
+def test_an_arm_goes_to_a_position_and_rests_there():
+    env = ShieldedEnv(JointEnv("position", balls=0))
+    env.reset(seed=0)
+    for _ in range(150):
+        env.step(HOME + NEAR)
+    assert env.unwrapped.q == pytest.approx(HOME + NEAR, abs=1e-3)
+    assert env.unwrapped.v == pytest.approx(np.zeros(7), abs=1e-3)
+
+
+def test_an_arm_goes_along_a_chunk():
+    env = ShieldedEnv(JointEnv("chunk", balls=0))
+    env.reset(seed=0)
+    for step in range(20):
+        env.step(HOME + NEAR * 0.02 * (step * POINTS + np.arange(1, POINTS + 1)[:, None]))
+    assert env.unwrapped.q == pytest.approx(HOME + 2.0 * NEAR, abs=0.02)
+    assert env.command.executed >= POINTS
+
+
+@pytest.mark.parametrize(
+    "nonsense", [np.full(7, np.nan), np.full(7, np.inf), np.zeros(3), "what", None]
+)
+def test_nonsense_stops_the_arm_and_never_reaches_it(nonsense):
+    env = ShieldedEnv(JointEnv("velocity", balls=0))
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(NEAR)
+    for _ in range(30):
+        _, _, _, _, info = env.step(nonsense)
+    assert np.isfinite(env.unwrapped.actions).all()
+    assert env.unwrapped.v == pytest.approx(np.zeros(7), abs=1e-6)
+    if nonsense is not None:
+        assert "velocity" in info["armguard"]["reason"]
+
+
+def test_settings_reach_monitor_table_and_shield():
+    limits = armguard.ContactLimits({"hand": armguard.ContactLimit(speed=0.2, source="a guess")})
+    env = ShieldedEnv(
+        JointEnv("velocity"),
+        monitor={"contact_limits": limits, "reaction_time": 0.1},
+        obstacles={"regions": {"ball*": "hand"}},
+        shield={"jerk": 100.0},
+    )
+    env.reset(seed=0)
+    _, _, _, _, info = env.step(NEAR)
+    assert info["armguard"]["contact_speed"] >= 0.0
+    with pytest.raises(ArmguardError, match="jerk"):
+        ShieldedEnv(JointEnv("velocity"), shield={"jerk": -1.0})
+    with pytest.raises(ArmguardError, match="reaction_time"):
+        ShieldedEnv(JointEnv("velocity"), monitor={"reaction_time": -1.0})
+
+
+def test_a_scene_may_stand_beside_the_environment():
+    class Beside:
+        command = "position"
+
+        def __init__(self, env):
+            self._env = env.unwrapped
+            self.robot, self.period = self._env.robot, self._env.period
+            self.read_joints, self.publish = self._env.read_joints, self._env.publish
+
+    env = JointEnv("position", balls=0)
+    env.command = "something else"
+    shielded = ShieldedEnv(env, Beside)
+    shielded.reset(seed=0)
+    assert shielded.step(HOME)[4]["armguard"]["level"] == "CLEAR"
+
+
+def test_an_action_space_of_another_arm_is_refused():
+    env = JointEnv("velocity")
+    env.action_space = Box(-1.0, 1.0, (6,))
+    with pytest.raises(ArmguardError, match=r"action space: has the shape \(6,\)"):
+        ShieldedEnv(env)
+
+
+def test_the_checker_of_environments_finds_nothing():
+    shielded = ShieldedEnv(gymnasium.make("armguard/HumanReach-v0", disable_env_checker=True))
+    with pytest.warns(UserWarning, match="different from the unwrapped version"):
+        check_env(shielded)
