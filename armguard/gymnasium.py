@@ -93,9 +93,10 @@ class ShieldedEnv(
             environment says it itself.
         obstacles: Keywords of `armguard.Obstacles`: the bounds that obstacles keep, above all.
         monitor: Keywords of `armguard.Monitor`. By default the arm keeps to 0.4 of its velocity and
-            0.25 of its acceleration limits, and there is no latency: the simulation waits.
+            0.25 of its acceleration limits, and there is no latency: the simulation waits. The
+            rate is that of the steps, and the motion is planned.
         shield: Keywords of `armguard.Shield`. By default the jerk is 500, and the tracking errors
-            are those of an arm that goes on evenly within a step.
+            are those of an arm that goes on evenly within a step. The rate is that of the points.
 
     Attributes:
         command: Of the shield, in the last step; None before the first one.
@@ -130,21 +131,18 @@ class ShieldedEnv(
         operating = OperatingLimits.fraction(
             robot, velocity=VELOCITY_SHARE, acceleration=ACCELERATION_SHARE
         )
-        self._obstacle_options = dict(obstacles or {})
-        self._monitor_options = {
-            "rate": 1.0 / self._scene.period, "operating": operating, "latency": 0.0,
-            **(monitor or {}), "motion": "planned",
-        }  # fmt: skip
         # An arm that goes on evenly is off a motion that brakes at b by at most b dt² / 8, and its
         # velocity by b dt / 2.
         uneven = robot.acceleration_limit * self._apart
+        self._obstacle_options = dict(obstacles or {})
+        self._monitor_options = {"operating": operating, "latency": 0.0, **(monitor or {})}
         self._shield_options = {
             "jerk": JERK,
             "look_ahead": max(LOOK_AHEAD, self._scene.period),
             "tracking_error": TRACKING_ERROR + uneven * self._apart / 8.0,
             "velocity_tracking_error": VELOCITY_TRACKING_ERROR + uneven / 2.0,
-            **(shield or {}), "rate": 1.0 / self._apart, "chunk_period": self._apart,
-        }  # fmt: skip
+            **(shield or {}),
+        }
         self.command: Command | None = None
         self._steps = 0
         self._obstacles, self._shield = self._make_shield()
@@ -177,9 +175,18 @@ class ShieldedEnv(
 
     def _make_shield(self) -> tuple[Obstacles, Shield]:
         """New ones, which know of nothing that was."""
-        obstacles = Obstacles(**self._obstacle_options)
-        monitor = Monitor(self._scene.robot, obstacles, **self._monitor_options)
-        return obstacles, Shield(monitor, **self._shield_options)
+        obstacles, scene = Obstacles(**self._obstacle_options), self._scene
+        rate = 1.0 / scene.period
+        monitor = Monitor(
+            scene.robot, obstacles, rate=rate, motion="planned", **self._monitor_options
+        )
+        shield = Shield(
+            monitor,
+            rate=1.0 / self._apart,
+            chunk_period=self._apart,
+            **self._shield_options,
+        )
+        return obstacles, shield
 
     def _follow(self, command: Command, now: float, q: FloatArray) -> Any:
         """The action that leads the arm along a command for one step."""

@@ -1,5 +1,9 @@
 """A shielded environment does what is asked for as far as that is proved, and nothing else."""
 
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -132,6 +136,8 @@ def test_settings_reach_monitor_table_and_shield():
         ShieldedEnv(JointEnv("velocity"), shield={"jerk": -1.0})
     with pytest.raises(ArmguardError, match="reaction_time"):
         ShieldedEnv(JointEnv("velocity"), monitor={"reaction_time": -1.0})
+    with pytest.raises(TypeError, match="rate"):
+        ShieldedEnv(JointEnv("velocity"), shield={"rate": 500.0})  # the environment's steps decide
 
 
 def test_a_scene_may_stand_beside_the_environment():
@@ -155,6 +161,38 @@ def test_an_action_space_of_another_arm_is_refused():
     env.action_space = Box(-1.0, 1.0, (6,))
     with pytest.raises(ArmguardError, match=r"action space: has the shape \(6,\)"):
         ShieldedEnv(env)
+
+
+def test_several_environments_run_beside_each_other():
+    env = gymnasium.vector.SyncVectorEnv([lambda: ShieldedEnv(JointEnv("velocity", balls=0))] * 2)
+    env.reset(seed=0)
+    _, _, _, _, infos = env.step(np.stack([NEAR, np.full(7, np.nan)]))
+    told = infos["armguard"]
+    assert told["level"].tolist() == ["CLEAR", "CLEAR"]
+    assert told["reason"][0] is None
+    assert "velocity" in told["reason"][1]
+    env.close()
+
+
+def test_what_the_page_shows_runs(capsys):
+    page = (Path(__file__).parents[1] / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+    snippets = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    scope = {}
+    exec(snippets[0], scope)
+    told = capsys.readouterr().out
+    exec(snippets[1], scope)
+    mine = JointEnv("velocity", balls=1)
+    hand = SimpleNamespace(xpos=np.array([1.0, 0.0, 0.5]))
+    mine.data = SimpleNamespace(qpos=HOME, qvel=np.zeros(7), body={"hand": hand}.get)
+    scope["my_env"] = mine
+    exec(snippets[2], scope)
+    assert len(snippets) == 3
+    scope["env"].reset(seed=0)
+    _, _, _, _, info = scope["env"].step(NEAR)
+    for key, value in info["armguard"].items():
+        assert f"| `{key}` |" in page
+        assert f"'{key}': " in told
+        assert value == value
 
 
 def test_the_checker_of_environments_finds_nothing():

@@ -110,9 +110,15 @@ class HumanReach(gymnasium.Env[Observation, NDArray[np.float32]]):
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Move for one period; see `gymnasium.Env.step`."""
+        """Move for one period; see `gymnasium.Env.step`.
+
+        Raises:
+            ArmguardError: The action is not finite.
+        """
         workplace, before = self._workplace, self._workplace.contacts
         wanted = np.clip(np.asarray(action, np.float64), -FASTEST, FASTEST)
+        if not np.isfinite(wanted).all():
+            raise ArmguardError("action", f"is {action!r}", expected="finite velocities")
         workplace.move(wanted, PERIOD_STEPS)
         away = self._measure()
         reward = 10.0 * (self._away - away) - 5.0 * (workplace.contacts - before)

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 from armguard.exceptions import ArmguardError
 from armguard.gymnasium import ShieldedEnv
-from armguard.lab.human_reach.environment import PLACES, HumanReach
+from armguard.lab.human_reach.environment import EPISODE, PLACES, HumanReach
 from armguard.lab.simulation.bodies import POINTS
 from armguard.obstacles import Obstacles
 from support.checking_sink import GrowthSink
@@ -66,6 +66,13 @@ def test_the_checker_of_environments_finds_nothing():
     check_env(gymnasium.make(NAME, disable_env_checker=True).unwrapped)
 
 
+def test_an_episode_is_as_long_as_a_visit_and_takes_no_nonsense(env):
+    assert env.spec.max_episode_steps * HumanReach.period == pytest.approx(EPISODE)
+    env.reset(seed=0)
+    with pytest.raises(ArmguardError, match="action"):
+        env.step(np.full(7, np.nan, np.float32))
+
+
 @pytest.mark.parametrize("shielded", [False, True])
 def test_the_same_seed_gives_the_same_steps_to_the_bit(env, shielded):
     tried = ShieldedEnv(env) if shielded else env
@@ -83,7 +90,7 @@ def test_an_arm_touches_its_person_and_with_a_shield_it_does_not():
     env = HumanReach()
     counts = {}
     for name, tried in (("free", env), ("shielded", ShieldedEnv(env))):
-        ends = [play(tried, seed, 500, reach)[-1] for seed in range(3)]
+        ends = [play(tried, seed, 400, reach)[-1] for seed in range(2)]
         counts[name] = sum(end["contacts"] for end in ends)
         assert all(end["placed"] > 0 for end in ends)
     assert counts["free"] > 0, "else there is nothing to be kept from"
