@@ -32,6 +32,8 @@ except ModuleNotFoundError:
 
 __all__ = ["JointScene", "ShieldedEnv"]
 
+ACTION_KINDS = ("velocity", "position", "chunk")
+
 JERK = 500.0
 """Of each joint, in [rad]/[s³] or [m]/[s³], where nothing else is given."""
 
@@ -57,7 +59,7 @@ class JointScene(Protocol):
         """Of the environment's steps, in [s]."""
 
     @property
-    def command(self) -> Literal["velocity", "position", "chunk"]:
+    def action_kind(self) -> Literal["velocity", "position", "chunk"]:
         """What an action is.
 
         Velocities of the joints during the step, in [rad]/[s] or [m]/[s], shape (nv,); positions at
@@ -122,7 +124,13 @@ class ShieldedEnv(
         self._scene = cast(JointScene, env.unwrapped) if scene is None else scene(env)
         robot, joints = self._scene.robot, len(self._scene.robot.joints)
         shape = env.action_space.shape
-        is_chunk = self._scene.command == "chunk"
+        if self._scene.action_kind not in ACTION_KINDS:
+            raise ArmguardError(
+                "action_kind",
+                f"is {self._scene.action_kind!r}",
+                expected=f"one of {', '.join(ACTION_KINDS)}",
+            )
+        is_chunk = self._scene.action_kind == "chunk"
         if shape is None or len(shape) != 1 + is_chunk or shape[-1] != joints:
             wanted = f"(points, {joints})" if is_chunk else f"({joints},)"
             raise ArmguardError("action space", f"has the shape {shape}", expected=wanted)
@@ -161,10 +169,10 @@ class ShieldedEnv(
         scene, now = self._scene, self._steps * self._scene.period
         scene.publish(self._obstacles, now)
         q, v = scene.read_joints()
-        if scene.command == "velocity":
+        if scene.action_kind == "velocity":
             command = self._shield.step(now, q, v, velocity=action)
         else:
-            chunk = action if scene.command == "chunk" else np.asarray(action)[None]
+            chunk = action if scene.action_kind == "chunk" else [action]
             command = self._shield.step(now, q, v, chunk=chunk)
         self.command = command
         proved = self._follow(command, now, q)
@@ -194,8 +202,8 @@ class ShieldedEnv(
         places = np.tile(q, (self._points, 1))
         if len(command.times):
             places = np.array([command.at(time)[0] for time in times])
-        action = places if self._scene.command == "chunk" else places[0]
-        if self._scene.command == "velocity":
+        action = places if self._scene.action_kind == "chunk" else places[0]
+        if self._scene.action_kind == "velocity":
             # From where it is, so that what it was off by is made good.
             action = (action - q) / self._scene.period
         return action.astype(self.env.action_space.dtype)

@@ -4,6 +4,7 @@ Needs the extra `gym`. The learner knows nothing of the arm. From what it sees i
 joint the gripper moves where (Broyden's rule), and moves the gripper to where it is to go.
 """
 
+import os
 from typing import NamedTuple
 
 import gymnasium
@@ -45,15 +46,15 @@ def run(env: gymnasium.Env, steps: int) -> Outcome:
     return Outcome(contacts, placed, total)
 
 
-def main(steps: int = 10_000) -> dict[str, Outcome]:
-    """Learn without a shield, and with one; what came of both."""
+def main(steps: int = 10_000, recordings: str | None = None) -> dict[str, Outcome]:
+    """Learn without a shield, and with one, beside recorded or generated people."""
     found = {}
     for name, shielded in (("without a shield", False), ("with a shield", True)):
-        env = gymnasium.make("armguard/HumanReach-v0")
+        env = gymnasium.make("armguard/HumanReach-v0", recordings=recordings)
         found[name] = run(ShieldedEnv(env) if shielded else env, steps)
         print(f"{name}: {found[name]}")
     return found
 
 
 if __name__ == "__main__":
-    main()
+    main(recordings=os.environ.get("ARMGUARD_RECORDINGS"))

@@ -20,11 +20,11 @@ class JointEnv(gymnasium.Env):
 
     metadata = {"render_modes": [], "render_fps": 50}  # noqa: RUF012
 
-    def __init__(self, command, balls=1):
+    def __init__(self, action_kind, balls=1):
         self.robot = Robot.load("panda")
-        self.command, self.period = command, PERIODS[command]
-        self.points = POINTS if command == "chunk" else 1
-        shape = (POINTS, 7) if command == "chunk" else (7,)
+        self.action_kind, self.period = action_kind, PERIODS[action_kind]
+        self.points = POINTS if action_kind == "chunk" else 1
+        shape = (POINTS, 7) if action_kind == "chunk" else (7,)
         self.action_space = Box(-4.0, 4.0, shape, np.float64)
         self.observation_space = Box(-10.0, 10.0, (14 + 3 * balls,), np.float64)
         self._arm, self._count = TrueArm(self.robot, None), balls
@@ -41,7 +41,7 @@ class JointEnv(gymnasium.Env):
         self.actions.append(np.array(action))
         apart = self.period / self.points
         places = np.atleast_2d(
-            self.q + action * self.period if self.command == "velocity" else action
+            self.q + action * self.period if self.action_kind == "velocity" else action
         )
         for place in places:
             self.v = (place - self.q) / apart

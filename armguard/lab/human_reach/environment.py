@@ -75,7 +75,7 @@ class HumanReach(gymnasium.Env[Observation, NDArray[np.float32]]):
     Attributes:
         robot: The arm, with a part between its fingers.
         period: Of the steps, in [s].
-        command: What an action is.
+        action_kind: What an action is.
 
     Raises:
         ArmguardError: The folder has no recordings, or one of them is malformed.
@@ -83,7 +83,7 @@ class HumanReach(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     metadata = {"render_modes": [], "render_fps": 50}  # noqa: RUF012 (as Gymnasium has it)
     period = PERIOD_STEPS * STEP
-    command: Literal["velocity"] = "velocity"
+    action_kind: Literal["velocity"] = "velocity"
 
     def __init__(self, recordings: str | os.PathLike[str] | None = None) -> None:
         self._recorded = None if recordings is None else _read_people(Path(recordings))

@@ -100,11 +100,8 @@ class Workplace:
         model, data = self._model, self._data
         before = self._wanted
         after = np.clip(before + velocity * (steps * STEP), self._lower, self._upper)
-        pace, force, pull = (
-            (after - before) / (steps * STEP),
-            np.zeros(model.nv),
-            np.zeros(model.nv),
-        )
+        pace = (after - before) / (steps * STEP)
+        pull, force = np.zeros(model.nv), np.zeros(model.nv)
         for step in range(1, steps + 1):
             mujoco.mj_step1(model, data)
             wanted = before + pace * (step * STEP)

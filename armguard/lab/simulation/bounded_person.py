@@ -7,6 +7,8 @@ what is simulated keeps these bounds exactly, at every time, some hundredths of 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +24,8 @@ LAG = 0.04
 SHARE = 0.99
 """Of the bounds, that is used."""
 
-SETTLING = 2.0
-"""After the last frame, in which the person comes to rest, in [s]."""
+STILL = 1e-9
+"""A person whose points are all slower rests, in [m]/[s]."""
 
 
 class BoundedPerson:
@@ -45,17 +47,16 @@ class BoundedPerson:
         self.duration = recording.duration
         self._step = step = 1.0 / recording.rate
         targets = _fill_gaps(recording.position, recording.name)
-        targets = np.concatenate([targets, np.repeat(targets[-1:], round(SETTLING / step), axis=0)])
-        self._position, self._velocity = np.empty_like(targets), np.zeros_like(targets)
-        self._acceleration = np.zeros_like(targets)
-        self._position[0] = targets[0]
-        for frame, target in enumerate(targets[1:]):
-            x, v = self._position[frame], self._velocity[frame]
+        x, v = targets[0], np.zeros_like(targets[0])
+        track = []
+        # After the last frame the person comes to rest there.
+        for frame, target in enumerate(itertools.chain(targets[1:], itertools.repeat(targets[-1]))):
+            if frame >= len(targets) and np.abs(v).max() <= STILL:
+                break
             a = _pull(target - x, v, step, SHARE * accel, SHARE * speed)
-            self._acceleration[frame] = a
-            self._position[frame + 1] = x + v * step + 0.5 * a * step**2
-            self._velocity[frame + 1] = v + a * step
-        self._velocity[-1] = 0.0
+            track.append((x, v, a))
+            x, v = x + v * step + 0.5 * a * step**2, v + a * step
+        self._track = np.array([*track, (x, np.zeros_like(v), np.zeros_like(v))])
 
     def sample(self, time: float) -> tuple[Array, Array]:
         """Tracked points at a time, not below 0, in [s] from the first frame.
@@ -64,9 +65,9 @@ class BoundedPerson:
             Positions in the world, in [m], and velocities, in [m]/[s], in the order of
             `bodies.POINTS`. Shapes (9, 3).
         """
-        frame = min(int(time / self._step), len(self._position) - 1)
+        frame = min(int(time / self._step), len(self._track) - 1)
         since = time - frame * self._step
-        x, v, a = (track[frame] for track in (self._position, self._velocity, self._acceleration))
+        x, v, a = self._track[frame]
         return x + v * since + 0.5 * a * since**2, v + a * since
 
 
