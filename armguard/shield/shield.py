@@ -307,14 +307,14 @@ class Shield:
             knots = one.find_knots(at)
             if k + 1 < len(motions):
                 knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
-            knots = np.concatenate([[at], knots])
+            knots = np.concatenate([[at], knots[knots - at > LEAST_GRAIN]])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
                 for first, second in itertools.pairwise(knots)
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
-                fill.append(knots[-1:] if len(fill) else knots[-1:] + self._period)
+                fill.append(knots[-1:] if fill else at + np.array([0.0, self._period]))
             parts.append(one.sample(np.concatenate(fill)) if fill else None)
         samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
         samples.v[-1] = samples.a[-1] = 0.0

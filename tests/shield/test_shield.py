@@ -152,6 +152,19 @@ def test_a_jog_keeps_the_velocity_and_stops_before_position_limits():
     check_limits(arm)
 
 
+@pytest.mark.parametrize("steps", range(2, 30, 3))
+def test_an_arm_stops_when_it_is_asked_to_whenever_its_motion_changes(steps):
+    """Without a latency motions change at steps, up to what rounding does to their times."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 0.0})
+    for _ in range(steps):
+        arm.step(velocity=0.6 * NEAR)
+    for _ in range(40):
+        command = arm.step(velocity=np.zeros(7))
+    assert command.reason is None
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-9)
+    check_limits(arm)
+
+
 def test_a_chunk_is_followed_and_told_how_far():
     arm = ShieldedArm(0, balls=0, chunk_period=0.04)
     for _ in range(5):
