@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -142,7 +143,7 @@ class Workplace:
         trajectory = recorded.make_trajectory(*given, seconds)
         begin = self._clock
         self._clock += seconds + BETWEEN
-        return play(mover, arm, people, trajectory, PERIOD, begin, seconds)
+        return play(mover, arm, people, trajectory, PERIOD, begin, seconds, clock=time.thread_time)
 
     def _make_mover(self, kind: type[AnyMover], setting: Setting, following: Following) -> AnyMover:
         operating = make_operating(self._robot, self._fraction)
@@ -220,7 +221,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     for done, some in enumerate(play_all(run, cases, options.jobs), 1):
         rows += some
         page = write_page(
-            rows, PERIOD, command=command, machine=machine, jobs=options.jobs, load=LOAD,
+            rows, PERIOD, command=command, machine=machine, load=LOAD,
             near=1e3 * NEAR, margin=MARGIN, drill=DRILL_EVERY, drilled=DRILLS * DRILL_SECONDS,
         )  # fmt: skip
         shown = [row for row in rows if row.setting is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -38,6 +39,9 @@ CLOSE_STEPS = 10
 
 SHORTEST = 1e-4
 """Between samples of which a jerk is taken, in [s]: of closer ones it is rounding."""
+
+SLOWEST = 1e-9
+"""Of joints that move, in [rad]/[s]: what is slower is rounding."""
 
 REVERSAL = 0.05
 """Of the fastest joint's speed limit: smaller changes of speed are none."""
@@ -93,6 +97,7 @@ class Shielded(NamedTuple):
     prices: np.ndarray
     """Of steps, in [s]. Shape (ticks,)."""
     touches: tuple[Touch, ...]
+    """Of an arm with contact limits."""
 
     @property
     def missed(self) -> int:
@@ -172,7 +177,7 @@ class ExactArm:
     @property
     def moves(self) -> bool:
         """Whether a joint moves."""
-        return bool(np.abs(self.state[1]).max() > 1e-9)
+        return bool(np.abs(self.state[1]).max() > SLOWEST)
 
     def find_gaps(self, ends: np.ndarray) -> np.ndarray:
         """Distance of its cover from each body, in [m]. Shape (bodies,)."""
@@ -292,6 +297,7 @@ def play(
     period: float,
     begin: float,
     seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Shielded:
     """One case: the arm rests while it listens, and then follows its trajectory.
 
@@ -303,6 +309,7 @@ def play(
         period: Of steps, in [s].
         begin: Of the recording, on the mover's clock, in [s].
         seconds: How long it works at most.
+        clock: By which steps are timed, in [s].
     """
     people.reset()
     mover.begin(people, begin)
@@ -310,7 +317,7 @@ def play(
     last = float(trajectory.stops[trajectory.stops <= trajectory.duration * (1.0 + 1e-9)][-1])
     times = np.linspace(0.0, last, math.ceil(last / SAMPLE) + 1)
     path = Path(np.array([trajectory.sample(one)[0] for one in times]), times)
-    log = TouchLog(mover.speed_limits)
+    log = TouchLog(mover.speed_limits) if mover.speed_limits.any() else None
     touching = np.zeros(len(RADII), dtype=bool)
     arm.start(trajectory.sample(0.0)[0])
     before, was_at_rest, was_hard, heading = 0.0, True, False, 1.0
@@ -325,9 +332,9 @@ def play(
         if tick == round(LISTEN / period):
             mover.set_path(path)
         mover.listen(since)
-        started = time.perf_counter()
+        started = clock()
         command = mover.step(since, *arm.measured)
-        prices.append(time.perf_counter() - started)
+        prices.append(clock() - started)
         arm.take(command, begin + since)
         is_free = True
         for look in range(1, arm.looks + 1):
@@ -343,8 +350,9 @@ def play(
                 broken = _name_broken(arm, people, stream, frame, body)
                 contacts.append(Contact(NAMES[body], at, broken))
             touching = inside & moves
-            doubted = stream.broke[frame] | people.is_filled[frame]
-            log.follow(at, period / arm.looks, arm.leaves, ends, doubted)
+            if log is not None:
+                doubted = stream.broke[frame] | people.is_filled[frame]
+                log.follow(at, period / arm.looks, arm.leaves, ends, doubted)
         if since < LISTEN:
             continue
         came = mover.progress * last
@@ -370,7 +378,7 @@ def play(
     return Shielded(
         counts["ticks"], before, progress_free, counts["free"], counts["rests"],
         counts["rests_free"], counts["hard_stops"], reversals, jerk, tuple(contacts),
-        np.array(prices), log.touches,
+        np.array(prices), () if log is None else log.touches,
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from armguard.robot import Robot
 from armguard.shield import Command
 from scene.clearance import Leaves
 from scene.recorded_people import NAMES, RADII
-from scene.shielded import Following
+from scene.shielded import SLOWEST, Following
 
 STEP = 1e-3
 """Of the simulation and of the controller, in [s]."""
@@ -118,8 +118,8 @@ class SimulatedArm:
     @property
     def moves(self) -> bool:
         """Whether it is commanded to, or is faster than what is stated of an arm at rest."""
-        fast = np.abs(self._data.qvel) > self._stated[1]
-        return bool(self._wanted[1].any() or fast.any())
+        is_fast = (np.abs(self._data.qvel) > self._stated[1]).any()
+        return bool(np.abs(self._wanted[1]).max() > SLOWEST or is_fast)
 
     def take(self, command: Command, now: float) -> None:
         """Follow another command once it has arrived, `now` being when it was answered in [s]."""

@@ -36,7 +36,7 @@ def make_arm(load, *, position, velocity):
     return load("scene.simulated_arm").SimulatedArm(Robot.load("panda"), PERIOD, stated, 0)
 
 
-def follow(arm, *, seconds):
+def follow(arm, *, seconds, way=0.5):
     """Go along a path with nobody near: how far that is, and velocities after each step."""
     robot = Robot.load("panda")
     operating = OperatingLimits.fraction(robot, velocity=0.4, acceleration=0.25)
@@ -47,7 +47,7 @@ def follow(arm, *, seconds):
     shield = Shield(
         monitor, jerk=500.0, rate=1.0 / PERIOD, tracking_error=0.05, velocity_tracking_error=1.0
     )
-    shield.set_path(Path([HOME, HOME + 0.5]))
+    shield.set_path(Path([HOME, HOME + way]))
     arm.start(HOME)
     speeds = []
     for tick in range(round(seconds / PERIOD)):
@@ -71,6 +71,15 @@ def test_an_arm_with_a_mass_follows_its_commands(load):
     assert arm.steps_off == 0
 
 
+def test_an_arm_that_has_come_to_rest_does_not_move(load):
+    """Though its controller answers what its encoders are off by."""
+    arm = make_arm(load, position=0.01, velocity=0.1)
+    progress, speeds = follow(arm, seconds=1.0, way=0.02)
+    assert progress == 1.0
+    assert not arm.moves
+    assert speeds[-1].any()
+
+
 def test_steps_with_greater_errors_than_stated_are_counted(load):
     arm = make_arm(load, position=1e-6, velocity=1e-6)
     follow(arm, seconds=1.5)
@@ -85,6 +94,7 @@ def test_an_arm_takes_up_a_command_after_its_latency(load):
     still.start(HOME)
     for look in range(arm.looks):
         still.advance((look + 1) * PERIOD / arm.looks)
+    assert not still.moves
     # In the first step nothing has arrived yet.
     np.testing.assert_allclose(speeds[0], still.state[1])
     assert np.abs(speeds[-1]).max() > 0.01
