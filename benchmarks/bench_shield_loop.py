@@ -26,6 +26,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 import bench_recordings as recorded
+from armguard.lab.simulation import JointTrajectory
 from armguard.robot import Robot
 from armguard.shield import Command
 from scene.contestants import make_operating
@@ -112,9 +113,12 @@ class Workplace:
     def play(self, case: Case, people: People, seconds: float) -> list[Row]:
         """One case, shown nobody and with every setting."""
         rows: list[Row] = []
+        number = recorded.find_recordings().index(case.path)
+        trajectory = self._make_trajectory(case.path, case.seed, seconds)
         for mover in (self._blind, *self._movers):
-            arm = SimulatedArm(self._robot, PERIOD, self._following, len(rows))
-            played = self._play(mover, arm, case, people, seconds)
+            seed = case.seed, number, len(rows)
+            arm = SimulatedArm(self._robot, PERIOD, self._following, seed)
+            played = self._play(mover, arm, people, trajectory, seconds)
             free = rows[0].played.progress if rows else played.progress
             rows.append(
                 Row(
@@ -129,18 +133,25 @@ class Workplace:
         """What may be stated of how well the arm follows commands."""
         mover = self._make_mover(BlindMover, setting, PRESUMED)
         mover.stops_every = round(DRILL_EVERY / PERIOD)
-        arm = SimulatedArm(self._robot, PERIOD, PRESUMED, DRILL_SEED)
+        arm = SimulatedArm(self._robot, PERIOD, PRESUMED, [DRILL_SEED])
         path = recorded.find_recordings()[0]
+        people = find_people(path, 0)  # shown to nobody
         for seed in range(DRILL_SEED, DRILL_SEED + DRILLS):
-            case = Case("", 0.0, path, 0, seed)
-            self._play(mover, arm, case, find_people(case), DRILL_SECONDS)
+            trajectory = self._make_trajectory(path, seed, DRILL_SECONDS)
+            self._play(mover, arm, people, trajectory, DRILL_SECONDS)
         return Following(PERIOD, *(MARGIN * arm.seen))
 
+    def _make_trajectory(self, path: Path, seed: int, seconds: float) -> JointTrajectory:
+        return recorded.make_trajectory(self._robot, self._fraction, path, seed, seconds)
+
     def _play(
-        self, mover: ShieldMover, arm: SimulatedArm, case: Case, people: People, seconds: float
+        self,
+        mover: ShieldMover,
+        arm: SimulatedArm,
+        people: People,
+        trajectory: JointTrajectory,
+        seconds: float,
     ) -> Shielded:
-        given = self._robot, self._fraction, case.path, case.seed
-        trajectory = recorded.make_trajectory(*given, seconds)
         begin = self._clock
         self._clock += seconds + BETWEEN
         return play(mover, arm, people, trajectory, PERIOD, begin, seconds, clock=time.thread_time)
@@ -155,12 +166,12 @@ _workplaces: dict[tuple[str, float], Workplace] = {}
 _people: dict[tuple[Path, int], People] = {}
 
 
-def find_people(case: Case) -> People:
-    """Of a case, with what this process has made for earlier ones."""
-    place = case.path, case.placement
+def find_people(path: Path, placement: int) -> People:
+    """Of a recording, seen from one place; kept by this process."""
+    place = path, placement
     if place not in _people:
-        base = recorded.place_base(*recorded.PLACEMENTS[case.placement])
-        _people[place] = People(case.path, base, recorded.BOUNDS)
+        base = recorded.place_base(*recorded.PLACEMENTS[placement])
+        _people[place] = People(path, base, recorded.BOUNDS)
     return _people[place]
 
 
@@ -169,7 +180,7 @@ def play_case(run: Run, case: Case) -> list[Row]:
     what = case.arm, case.speed
     if what not in _workplaces:
         _workplaces[what] = Workplace(*what, run.settings)
-    return _workplaces[what].play(case, find_people(case), run.seconds)
+    return _workplaces[what].play(case, find_people(case.path, case.placement), run.seconds)
 
 
 def play_all(run: Run, cases: list[Case], jobs: int) -> Iterator[list[Row]]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -51,7 +52,7 @@ class SimulatedArm:
         robot: The arm.
         period: Of the shield's steps, in [s].
         following: What is stated of it; it takes up each command after that latency.
-        seed: Of what encoders are off by.
+        seed: Of what encoders are off by, numbers of 0 or more.
 
     Attributes:
         seen: How far it was off its commands, as its encoders have it, at most: positions in [rad]
@@ -61,18 +62,17 @@ class SimulatedArm:
         least_gap: Between its surface and a body while it moved, in [m]; up to `NEAR`.
     """
 
-    def __init__(self, robot: Robot, period: float, following: Following, seed: int) -> None:
+    def __init__(
+        self, robot: Robot, period: float, following: Following, seed: Sequence[int]
+    ) -> None:
         spec = mujoco.MjSpec()
         spec.option.timestep = STEP
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         add_arm(spec, robot)
         self._torque_limit = robot.model.effortLimit.copy()
         for joint, torque in zip(spec.joints, self._torque_limit, strict=True):
-            joint.armature, joint.damping[0], joint.frictionloss = (
-                ARMATURE,
-                DAMPING,
-                FRICTION * torque,
-            )
+            joint.armature, joint.frictionloss = ARMATURE, FRICTION * torque
+            joint.damping[0] = DAMPING
         load = spec.body(robot.joints[-1]).add_body(pos=[0.0, 0.0, LOAD_AWAY])
         load.explicitinertial, load.mass, load.inertia = True, LOAD, [1e-4, 1e-4, 1e-4]
         for name, radius in zip(NAMES, RADII, strict=True):

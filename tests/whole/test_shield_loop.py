@@ -33,7 +33,7 @@ def benchmark(load):
 
 def make_arm(load, *, position, velocity):
     stated = load("scene.shielded").Following(PERIOD, position, velocity)
-    return load("scene.simulated_arm").SimulatedArm(Robot.load("panda"), PERIOD, stated, 0)
+    return load("scene.simulated_arm").SimulatedArm(Robot.load("panda"), PERIOD, stated, [0])
 
 
 def follow(arm, *, seconds, way=0.5):
