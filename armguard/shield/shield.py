@@ -299,12 +299,13 @@ class Shield:
 
     def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
         """What the arm is on until a time, and then another motion."""
-        last = piece.find_motion(now)
-        motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
-        motions.append((begin, motion))
+        # A piece has to begin now, so that nothing that comes as good as now is a knot of its own.
+        soon = now + LEAST_GRAIN
+        going = [(at, one) for at, one in piece.motions if soon < at < begin]
+        motions = [(now, piece.find_motion(soon)), *going, (begin, motion)]
         parts = []
         for k, (at, one) in enumerate(motions):
-            knots = one.find_knots(at)
+            knots = one.find_knots(at + LEAST_GRAIN)
             if k + 1 < len(motions):
                 knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
             knots = np.concatenate([[at], knots[knots - at > LEAST_GRAIN]])

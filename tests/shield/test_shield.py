@@ -47,6 +47,18 @@ def test_an_arm_that_nothing_hinders_follows_its_path_to_the_end():
     check_limits(arm)
 
 
+def test_a_latency_of_one_period_refuses_nothing():
+    """The last motion begins just when the next piece does, but for rounding."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 1.0 / RATE})
+    arm.shield.set_path(make_path())
+    reasons = set()
+    for tick in range(200):
+        arm.now = tick / RATE
+        reasons.add(str(arm.step().reason))
+    assert arm.shield.progress > 0.1
+    assert reasons == {"None"}
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_is_asked_the_arm_touches_nothing_and_keeps_its_limits(seed):
     random = np.random.default_rng(seed)

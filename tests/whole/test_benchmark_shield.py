@@ -62,7 +62,8 @@ def make_failsafe(load, recordings):
         commands = []
         step = mover.step
         mover.step = lambda *given: commands.append(step(*given)) or commands[-1]
-        shown = shielded.play(mover, leaves, people, trajectory, PERIOD, 0.0, 3.0)
+        arm = shielded.ExactArm(leaves)
+        shown = shielded.play(mover, arm, people, trajectory, PERIOD, 0.0, 3.0)
         return shown, commands
 
     return play
