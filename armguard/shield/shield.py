@@ -299,22 +299,23 @@ class Shield:
 
     def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
         """What the arm is on until a time, and then another motion."""
-        last = piece.find_motion(now)
-        motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
-        motions.append((begin, motion))
+        # A piece has to begin now, so that nothing that comes as good as now is a knot of its own.
+        soon = now + LEAST_GRAIN
+        going = [(at, one) for at, one in piece.motions if soon < at < begin]
+        motions = [(now, piece.find_motion(soon)), *going, (begin, motion)]
         parts = []
         for k, (at, one) in enumerate(motions):
-            knots = one.find_knots(at)
+            knots = one.find_knots(at + LEAST_GRAIN)
             if k + 1 < len(motions):
                 knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
-            knots = np.concatenate([[at], knots])
+            knots = np.concatenate([[at], knots[knots - at > LEAST_GRAIN]])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
                 for first, second in itertools.pairwise(knots)
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
-                fill.append(knots[-1:] if len(fill) else knots[-1:] + self._period)
+                fill.append(knots[-1:] if fill else at + np.array([0.0, self._period]))
             parts.append(one.sample(np.concatenate(fill)) if fill else None)
         samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
         samples.v[-1] = samples.a[-1] = 0.0
