@@ -85,6 +85,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         model=table.model,
         rate=table.rate,
         names=names,
+        timeout=table.timeout,
         speed=table.speed,
         stop_within=table.stop_within,
         deceleration=table.deceleration,

@@ -55,7 +55,13 @@ def drive(arm: Arm, options: DriveOptions, link: Link) -> None:
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
     measurement = Measurement(options.measure) if options.measure else None
-    limits = Limits(options.speed, options.stop_within, options.parent)
+    limits = Limits(
+        options.speed,
+        options.stop_within,
+        options.timeout,
+        options.longest_silence,
+        options.parent,
+    )
     with (
         Publisher(options.joints, keys=keys) as publisher,
         VerdictReader(options.verdicts, keys) as reader,

@@ -27,12 +27,6 @@ WAIT = 0.001
 SMALLEST_SCALE = 0.01
 """What the slider is set to for a stop: 0 makes real controllers stop protectively."""
 
-STATE_TIMEOUT = 0.1
-"""Silence of the robot after which it counts as lost, in [s]."""
-
-CONFIRM_TIMEOUT = 0.25
-"""How long the robot's own word may differ from what it was told, in [s]."""
-
 REST_SPEED = 0.01
 """What joints at rest do not exceed, in [rad/s]."""
 
@@ -54,6 +48,11 @@ class Limits(NamedTuple):
     """Fraction of its speed that the program gets where nothing is near."""
     stop_within: float = 1.0
     """How long the arm may still move after it was told to pause, in [s]."""
+    timeout: float = 0.1
+    """Silence of the robot after which it has to stop, in [s]."""
+    longest_silence: float = 0.3
+    """Silence after which it counts as lost, in [s], and as one that does not obey where its own
+    word of the slider differs from what it was told for so long."""
     parent: int = 0
     """Process whose end is this one's; 0: none is."""
 
@@ -133,13 +132,16 @@ class DriveLoop:
         state = self._arm.read()
         if state is not None:
             self._take(state, now)
-        elif not now - self._read_at <= STATE_TIMEOUT:
-            raise ArmLostError(f"the robot has sent no state for {STATE_TIMEOUT:g} s")
-        if self._trouble:
+        silence = now - self._read_at
+        if not silence <= self._limits.longest_silence:
+            raise ArmLostError(f"the robot has sent no state for {silence:.2g} s")
+        if self._trouble or not silence <= self._limits.timeout:
             order = Order(0.0, order.cause or "trouble")
         if order.scale != self._order.scale or state is not None:
             self._arm.scale(self._scale(order))
         self._follow(order, now)
+        if state is not None:
+            self._confirm(order, state, now)
         if self._state is not None:
             self._make_sure(order, self._state, now)
         if now >= self._next_beat:
@@ -154,6 +156,8 @@ class DriveLoop:
             raise ArmLostError("the robot has sent a joint state that is not finite")
         self._publish(state)
         self._latencies.add_state(state.stamp, time.monotonic())
+        if not now - self._read_at <= self._limits.timeout:
+            self._agreed_at = now  # what it was told meanwhile it could not confirm
         self._state, self._read_at = state, now
         if self._measurement is not None:
             self._measurement.add(now, state)
@@ -183,15 +187,18 @@ class DriveLoop:
                 self._latencies.add_stop(time.monotonic() - since, was_silent=was_silent)
         self._order = order
 
-    def _make_sure(self, order: Order, state: ArmState, now: float) -> None:
-        """See that the arm does what it was told; if not, tell it again, by another way at last."""
+    def _confirm(self, order: Order, state: ArmState, now: float) -> None:
+        """See that the robot has the speed that it was told: the library cannot say."""
         if abs(state.scale - self._scale(order)) < 0.5 * SMALLEST_SCALE:
             self._agreed_at = now
-        elif not now - self._agreed_at <= CONFIRM_TIMEOUT:
+        elif not now - self._agreed_at <= self._limits.longest_silence:
             raise ArmLostError(
                 f"the robot does not take the speed slider: it says {state.scale:.3g}, and was "
                 f"told {self._scale(order):.3g}"
             )
+
+    def _make_sure(self, order: Order, state: ArmState, now: float) -> None:
+        """See that the arm does what it was told; if not, tell it again, by another way at last."""
         running = state.program is Program.RUNNING
         if order.scale > 0.0:
             if self._is_pausing and state.program is Program.STOPPED:

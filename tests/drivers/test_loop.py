@@ -79,7 +79,7 @@ def made():
     reading, writing = os.pipe()
     arm, streams = FakeArm(), FakeStreams()
     latencies = Latencies(time.monotonic())
-    limits = Limits(speed=0.5, stop_within=0.2)
+    limits = Limits(speed=0.5, stop_within=0.2, timeout=0.1, longest_silence=0.3)
     loop = DriveLoop(
         arm, tuple("abcdef"), streams, streams, latencies, Link(writing), limits, arm_name="left"
     )
@@ -163,6 +163,16 @@ def test_an_arm_that_goes_on_is_stopped(made):
     assert "resume" not in arm.orders
 
 
+def test_a_short_silence_of_the_robot_pauses_its_program(made):
+    arm, _, turn, _ = made
+    turn(0.05)
+    arm.is_silent = True
+    turn(0.05)
+    assert arm.orders == []
+    turn(0.1)
+    assert (arm.orders[0], arm.fraction) == ("pause", SMALLEST_SCALE)
+
+
 def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     arm, streams, turn, _ = made
     turn(0.05)
@@ -172,7 +182,7 @@ def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     arm.is_silent, arm.takes_slider, streams.scale = False, False, 0.3
     with pytest.raises(ArmLostError, match="does not take the speed slider"):
         turn(1.0)
-    arm.takes_slider, arm.speed = True, float("nan")
+    arm.takes_slider, arm.speed, arm.program = True, float("nan"), Program.RUNNING
     with pytest.raises(ArmLostError, match="not finite"):
         turn(1.0)
     assert all(state[3][0] >= 0.0 for state in streams.published)

@@ -204,7 +204,7 @@ def test_a_report_is_plain_data():
 
 @pytest.mark.skipif("ARMGUARD_DRIVE_MINUTE" not in os.environ, reason="takes more than a minute")
 def test_a_minute_at_full_rate_with_a_stop_every_other_second(tmp_path):
-    with DrivenCell(tmp_path, "--json") as cell:
+    with DrivenCell(tmp_path, "--json", timeout=0.2) as cell:
         cell.wait_until_moving()
         begun, reached, rested = time.monotonic(), [], []
         while time.monotonic() - begun < 60.0:

@@ -33,6 +33,7 @@ name = "ur5e"
 name = "ur"
 host = "{host}"
 model = "UR5e"
+timeout = {timeout}
 {more}
 """
 
@@ -41,6 +42,7 @@ OPTIONS = DriveOptions(
     host="127.0.0.1",
     model="UR5e",
     rate=500.0,
+    timeout=0.1,
     names=("a", "b"),
     speed=1.0,
     stop_within=1.0,
@@ -127,16 +129,17 @@ class DrivenCell:
     Args:
         folder: For its files.
         more: Lines of `[robot.driver]`.
+        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
         options: Of the command.
         controller: Keywords of the controller.
     """
 
-    def __init__(self, folder, *options, more="", **controller):
+    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
         self.host = find_host()
         self.controller = UrController(self.host, **controller)
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(CELL.format(host=self.host, more=more))
+        self.cell.write_text(CELL.format(host=self.host, more=more, timeout=timeout))
         self.lines = []
         self.output = ""
         self._options = options
@@ -221,7 +224,8 @@ class DrivenCell:
     def wait_until_moving(self):
         """Return when the driver drives, and the program runs at full speed."""
         self.wait_for(" states; age ")
-        wait_until(lambda: self.controller.pace > 0.99)
+        wait_until(lambda: self.controller.pace > 0.99 or self.process.poll() is not None)
+        assert self.process.poll() is None, self.lines
 
     def wait_until_resting(self):
         """Return when the arm rests."""
