@@ -118,6 +118,7 @@ class Shield:
         self._follow_payload()
         self._piece: _Piece | None = None
         self._has_left = False
+        self._alike = self._errors[0] + robot.position_error
         self._at_rest = robot.velocity_error + self._errors[1]
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
@@ -255,9 +256,10 @@ class Shield:
     ) -> _Piece | None:
         """What the arm is on; None where nothing is known of where it is.
 
-        An arm whose motion is not proved any more may brake by its own means. It is taken to be
-        where it was measured once it rests and the motion has ended. So is one that is at rest and
-        on no proved motion: somebody may have moved it.
+        An arm whose motion is not proved any more may brake by its own means, and one that rests
+        may be moved by somebody. Once it rests and the motion has ended, it is taken to be where it
+        was measured, unless it may be at that end. So a place to rest does not follow each
+        measured one, and the arm does not creep.
         """
         piece = self._piece
         if piece is not None:
@@ -272,6 +274,8 @@ class Shield:
         if not (np.abs(speeds) <= self._at_rest).all():
             return piece
         self._has_left = False
+        if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._alike).all():
+            return piece
         rest = Rest(place, now)
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
 

@@ -310,6 +310,15 @@ def test_an_arm_that_was_pushed_while_it_rested_goes_on_from_where_it_is():
     assert arm.q == pytest.approx(HOME, abs=1e-6)
 
 
+def test_the_place_of_an_arm_that_rests_does_not_creep_after_it():
+    arm = ShieldedArm(0, balls=0)
+    for k in range(30):
+        # It sags while nothing is asked of it.
+        command = arm.shield.step(arm.now, HOME - 5e-5 * k, np.zeros(7))
+        arm.now += 1.0 / RATE
+        assert command.q[-1] == pytest.approx(HOME, abs=0.0)
+
+
 def test_after_a_reset_of_its_monitor_the_arm_rests_and_goes_on():
     arm = ShieldedArm(0, balls=0)
     path = make_path()
