@@ -68,6 +68,13 @@ class ReasonKind(enum.Enum):
         "Nothing, if this contact is permitted; else remove the limit from the contact limits "
         "(docs/contact_limits.md).",
     )
+    CONTACT_FORBIDDEN = (
+        "contact not permitted",
+        Effect.NOTE,
+        "Nothing is wrong: the detail says by how much a contact limit would be exceeded. Keep the "
+        "arm slower there; where a part can be clamped, more room, or a limit with `force` and "
+        "`stiffness`, helps; where a region is not stated, state it (docs/contact_limits.md).",
+    )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
@@ -81,6 +88,24 @@ class ReasonKind(enum.Enum):
         "Find out what held up the source or the joint states, as for late data. More was near "
         "than could be looked up, so it is not known which level data of their usual age would "
         "give.",
+    )
+    WIDENED_BOUNDS = (
+        "bounds widened",
+        Effect.NOTE,
+        "Nothing came near: with the stated bounds the level would be higher. State the bounds "
+        "that the body keeps, or mend what makes its samples jump.",
+    )
+    REFUSED_ALTERNATIVE = (
+        "refused sample counts",
+        Effect.NOTE,
+        "Nothing came near: without the sample that was refused, which may be true, the level "
+        "would be higher. Look for swapped ids and jumps in perception.",
+    )
+    HIDDEN = (
+        "body hidden",
+        Effect.NOTE,
+        "Nothing came near: a body that is not seen could be nearer with each moment. See why its "
+        "source does not see it.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
@@ -245,8 +270,8 @@ class ReasonKind(enum.Enum):
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person has drawn back, or move the link away from the person; the arm "
-        "then goes on.",
+        "Wait until the person has drawn back; the arm then goes on. Or commit a piece on which "
+        "the arm surely recedes from the person.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
@@ -347,6 +372,10 @@ def _weigh(kind: ReasonKind) -> int:
     notes = (
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.WIDENED_BOUNDS,
+        ReasonKind.REFUSED_ALTERNATIVE,
+        ReasonKind.HIDDEN,
+        ReasonKind.CONTACT_FORBIDDEN,
         ReasonKind.CONTACT,
         ReasonKind.CONTACT_ALLOWED,
     )
@@ -441,8 +470,9 @@ class Verdict(NamedTuple):
     """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
     proved_until: float | None = None
-    """By when the arm surely rests at the end of the committed piece that the verdict rests on, and
-    that is proved safe; the latest time where it may be on several. None: it is on none."""
+    """When the arm rests at the latest, in [s] of the joint states' stamps, if it follows its
+    committed piece. The piece is proved safe to its end. Of several such pieces the latest counts.
+    None: the arm is on no such piece."""
     held: Held | None = None
     """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
     harm_time: float = 0.0

@@ -90,8 +90,7 @@ def play(
     for case in track(cases, f"{speed:g} rad/s", transient=True):
         found_by_rule = workplace.play(case, place_people(case, People))
         for cells, found in zip(rules, found_by_rule, strict=True):
-            if not found.meets_itself:
-                scores.append(Score(*cells, speed, found.outcome))
+            scores.append(Score(*cells, speed, found.outcome))
     return scores
 
 

@@ -1,15 +1,17 @@
 """How often each rule stops an arm beside recorded people, what that costs, and what it misses.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --out docs/usefulness.md
+    ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --jobs 2 --out docs/usefulness.md
     ARMGUARD_RECORDINGS=... python benchmarks/bench_recordings.py --seconds 3 --placements 1
-    --seeds 1 --recordings 1
+    --recordings 1
 
 A Panda moves between random points of its workspace, its base at several places at the table where
 people were recorded; from the last of these it reaches where they work. First the arm goes on
 whatever is said, so that all rules judge the same states. Then it obeys them, one by one: after the
 delays its brakes act with the deceleration that they guarantee, and once it may, it returns to its
-path. At last it obeys the speed scales too. Rules with contact limits have a part of the page of
-their own, with every touch. The page that this writes says how to read it.
+path. At last it obeys the speed scales too. All of that is done with each of the bounds on people
+and with samples of several ages, with clean data and with data as they come, faults included. Rules
+with contact limits have a part of the page of their own, with every touch. The page that this
+writes says how to read it.
 
 Time is judged at 100 Hz, the rate of the recordings. A rule says STOP by what could happen until
 the next tick's STOP would bite, and that time is kept the same at every rate; at 200 Hz and at
@@ -19,6 +21,7 @@ the next tick's STOP would bite, and that time is kept the same at every rate; a
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shlex
 import sys
@@ -38,7 +41,7 @@ from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
 from scene.results import Found
 from scene.self_contact import meets_itself
-from scene.stop_rules import Rule, Setting
+from scene.stop_rules import Rule
 from scene.usefulness import write_page
 from scene.working_arm import WorkingArm
 
@@ -47,6 +50,7 @@ BOUNDS = {"10 m/s², 2 m/s": (10.0, 2.0), "by body part": None}
 PLACEMENTS = ((-0.2, 0.2, -90.0), (0.0, 0.7, -90.0), (-0.9, 0.7, -50.0), (0.0, 1.1, -90.0))
 WORKSPACE = ([-0.3, -0.6, 0.0], [0.75, 0.6, 1.2])  # of all moving links, before the base, [m]
 TRAJECTORY = 30.0  # [s], before it starts again
+NEXT_SEED = 10_000  # so much further is what takes the place of one through the arm itself
 PRICE_RATE, PRICE_SECONDS = 1000.0, 3.0  # of the run in which ticks are timed, [Hz] and [s]
 ACCELERATION = 0.125  # of the acceleration limits, at most, along the trajectory
 
@@ -65,10 +69,8 @@ class Run(NamedTuple):
     """What all cases have in common."""
 
     scope: Scope
-    obeying: tuple[Setting, ...]
-    """Settings in which the arm obeys as well."""
-    obeying_placements: int
-    """At the first so many of them."""
+    obeys: bool
+    """Whether the arm obeys as well."""
     rate: float
     seconds: float
 
@@ -95,6 +97,37 @@ def place_base(x: float, y: float, degrees: float) -> np.ndarray:
     return placement
 
 
+def make_trajectory(
+    robot: Robot, fraction: float, path: Path, seed: int, seconds: float
+) -> JointTrajectory:
+    """What an arm does beside a recording: of random trajectories the first without itself.
+
+    Random ones are not planned around the arm, and no real arm can go through itself.
+
+    Args:
+        robot: The arm.
+        fraction: Of its velocity limits, that trajectories use at most.
+        path: Of the recording.
+        seed: Number of the trajectory beside it.
+        seconds: For which the arm is to follow it, in [s].
+    """
+    acceleration = np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
+    first = 100 * seed + find_recordings().index(path)
+    accept = keeps_within(robot, *WORKSPACE)
+    for number in itertools.count(first, NEXT_SEED):
+        trajectory = random_trajectory(
+            robot,
+            number,
+            TRAJECTORY,
+            speed_fraction=fraction,
+            acceleration_fraction=float(acceleration),
+            accept=accept,
+        )
+        if not meets_itself(trajectory, seconds):
+            break
+    return trajectory
+
+
 class Workplace:
     """An arm with the rules that judge it at one speed, which serve one case after the other.
 
@@ -111,7 +144,6 @@ class Workplace:
         self.robot = robot = Robot.load("panda")
         self._run, period = run, 1.0 / run.rate
         self.fraction = speed / float(np.max(robot.velocity_limit))
-        self._accept = keeps_within(robot, *WORKSPACE)
         self.stage = Stage(robot, period)
         self.rules = [
             rule
@@ -119,38 +151,22 @@ class Workplace:
             for rule in make_rules(robot, self.fraction, run.scope, setting, period)
         ]
 
-    def make_trajectory(self, case: Case) -> JointTrajectory:
-        """What the arm does in a case if it may."""
-        robot = self.robot
-        return random_trajectory(
-            robot,
-            100 * case.seed + find_recordings().index(case.path),
-            TRAJECTORY,
-            speed_fraction=self.fraction,
-            acceleration_fraction=float(
-                np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
-            ),
-            accept=self._accept,
-        )
-
     def play(self, case: Case, people: People) -> Iterator[Found]:
-        """One case: all rules judge it, then those of the obeying settings are obeyed."""
-        run, trajectory = self._run, self.make_trajectory(case)
-        is_impossible = meets_itself(trajectory, run.seconds)
+        """One case: all rules judge it, then they are obeyed one by one."""
+        run = self._run
+        trajectory = make_trajectory(self.robot, self.fraction, case.path, case.seed, run.seconds)
 
         def found(rule: Rule, how: str, outcome: Judged | Obeyed) -> Found:
             where = people.name, case.placement, case.seed
-            return Found(case.speed, rule.name, rule.setting, how, *where, outcome, is_impossible)
+            return Found(case.speed, rule.name, rule.setting, how, *where, outcome)
 
         judged = self.stage.judge(people, WorkingArm(trajectory), self.rules, run.seconds)
         for rule, outcome in zip(self.rules, judged, strict=True):
             yield found(rule, "goes on", outcome)
-        if case.placement >= run.obeying_placements:
-            return
         for rule in self.rules:
-            if rule.setting not in run.obeying or rule.name in NOT_OBEYED:
+            if not run.obeys or rule.name in NOT_OBEYED:
                 continue
-            has_scale = rule.has_scale and rule.clean
+            has_scale = rule.has_scale and rule.clean and run.scope.is_usual(rule.setting)
             for how in ("obeys", "obeys the scale")[: 2 if has_scale else 1]:
                 arm, by_scale = WorkingArm(trajectory), how == "obeys the scale"
                 obeyed = self.stage.obey(people, arm, rule, run.seconds, by_scale=by_scale)
@@ -194,15 +210,16 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     some = {"type": float, "nargs": "+"}
     parser.add_argument("--speeds", default=[0.3, 0.8], help="of the fastest joint [rad/s]", **some)
-    parser.add_argument("--reactions", default=[0.02, 0.05, 0.1], help="of the brakes [s]", **some)
-    parser.add_argument("--cameras", default=[0.0, 0.05], help="age of new samples [s]", **some)
+    parser.add_argument("--reactions", default=[0.02, 0.1], help="of the brakes [s]", **some)
+    parser.add_argument(
+        "--cameras", default=[0.0, 0.05, 0.1], help="age of new samples [s]", **some
+    )
     parser.add_argument(
         "--bounds", nargs="+", choices=list(BOUNDS), default=list(BOUNDS), help="on people"
     )
     parser.add_argument("--rate", type=float, default=100.0, help="ticks a second")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each recording, at most")
+    parser.add_argument("--seconds", type=float, default=8.0, help="of each recording, at most")
     parser.add_argument("--placements", type=int, default=4, help=f"at most {len(PLACEMENTS)}")
-    parser.add_argument("--obeying-placements", type=int, default=2, help="of these, obeying")
     parser.add_argument("--seeds", type=int, default=1, help="trajectories beside each recording")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they spoil prices")
@@ -215,8 +232,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     options = read_options(arguments)
     paths = find_recordings()[: options.recordings]
     scope = Scope(tuple(options.reactions), tuple(options.cameras), tuple(options.bounds))
-    obeying = tuple(scope.usual._replace(reaction=reaction) for reaction in scope.extremes)
-    run = Run(scope, obeying, options.obeying_placements, options.rate, options.seconds)
+    run = Run(scope, True, options.rate, options.seconds)
     cases = [
         Case(speed, path, placement, seed)
         for speed in options.speeds
@@ -227,7 +243,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     found = play_all(run, cases, options.jobs)
     usual = Scope(scope.reactions[:1], scope.cameras[:1], scope.bounds[:1])
     paced = run._replace(
-        scope=usual, obeying_placements=0, rate=PRICE_RATE, seconds=min(PRICE_SECONDS, run.seconds)
+        scope=usual, obeys=False, rate=PRICE_RATE, seconds=min(PRICE_SECONDS, run.seconds)
     )
     _workplaces.clear()
     priced = play_all(paced, [Case(speed, paths[0], 0, 0) for speed in options.speeds], 1)

@@ -18,12 +18,11 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
-from bench_recordings import Case, Workplace
+from bench_recordings import Case, Workplace, make_trajectory
 from scene.contestants import Scope
 from scene.limited import RULES, find_open_share
 from scene.plays import BEGIN, Obeyed
 from scene.results import make_table, milliseconds, percent
-from scene.self_contact import meets_itself
 from scene.short_runs import RATE, USUAL, add_options, list_cases, make_run, place_people
 from scene.working_arm import WorkingArm
 from scene.yielding_people import Press, PressLog, YieldingPeople
@@ -47,11 +46,9 @@ class Score(NamedTuple):
 
 
 def play(case: Case, scope: Scope, seconds: float) -> list[Score]:
-    """One case: an arm obeys all rules, one after the other; none if it goes through itself."""
+    """One case: an arm obeys all rules, one after the other."""
     workplace = Workplace(make_run(scope, seconds), case.speed)
-    trajectory = workplace.make_trajectory(case)
-    if meets_itself(trajectory, seconds):
-        return []
+    trajectory = make_trajectory(workplace.robot, workplace.fraction, case.path, case.seed, seconds)
     people = place_people(case, YieldingPeople, workplace.robot)
     arm = WorkingArm(trajectory)
     duration = min((len(people.ends) - 1) / people.rate, seconds + BEGIN) - BEGIN

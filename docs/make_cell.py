@@ -54,6 +54,7 @@ TYPES = {
     "Vector": "3 numbers",
     "Quaternion": "4 numbers",
     "Annotated[list[Vector], Meta(min_length=1, max_length=8)]": "rows of 3 numbers",
+    "tuple[Positive, Positive]": "2 numbers above 0",
     "tuple[Positive, Positive, Positive]": "3 numbers above 0",
     "Name": "string",
     "list[Name]": "strings",

@@ -33,6 +33,7 @@ def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
         ReasonKind.SOURCE_SILENT,
         ReasonKind.LATE_DATA,
         ReasonKind.LATE_DATA_UNKNOWN,
+        ReasonKind.CONTACT_FORBIDDEN,
         ReasonKind.CONTACT,
         ReasonKind.CONTACT_ALLOWED,
         ReasonKind.OBSTACLE_REFUSED,
@@ -40,8 +41,8 @@ def test_the_weightiest_reason_is_what_latches_and_last_of_all_a_note():
     ]
     in_order = [Reason(kind) for kind in kinds]
     # The two notes weigh the same, and stay in their order.
-    for turn in range(7):
-        reasons = [*in_order[turn:7], *in_order[:turn], *in_order[7:]]
+    for turn in range(8):
+        reasons = [*in_order[turn:8], *in_order[:turn], *in_order[8:]]
         sort_reasons(reasons)
         assert reasons == in_order
     assert find_weightiest(reversed(in_order)) == in_order[0]

@@ -36,8 +36,8 @@ class Premise(enum.Enum):
     EXEMPTIONS = "contact that is ignored does no harm"
     CONTACT = (
         "where contact limits are stated, surfaces of the arm are blunt and padded, what it wears "
-        "or holds is attached, no gripper closes on a person, and people have ids and regions of "
-        "their own"
+        "or holds is attached, no gripper closes on a person, ids that are alike up to the last "
+        "'/' are those of one person, and regions are right"
     )
     CLOCKS = "stamps are right within the stated clock errors, and latencies no longer than stated"
     PLACEMENT = "the arm is where its URDF and base placement say, with the tools that they say"

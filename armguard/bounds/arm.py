@@ -13,7 +13,7 @@ import pinocchio
 from armguard.bounds.braking import BrakingMotion
 from armguard.bounds.isotropic import IsotropicMotion
 from armguard.bounds.joint import JointMotion
-from armguard.bounds.link_gaps import make_link_gaps, make_no_gaps
+from armguard.bounds.link_gaps import cover_base, make_link_gaps, make_no_gaps
 from armguard.bounds.reach import ReachMotion
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.operating_limits import LimitsInForce
@@ -79,6 +79,7 @@ class ArmMotion:
                 self.joint.table.box.turning,
                 limits.lower,
                 limits.upper,
+                cover_base(robot.fixed_points().values(), base_placement),
             )
         self.planned: PlannedMotion | None = None
         if with_plans:

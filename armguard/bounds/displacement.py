@@ -23,6 +23,7 @@ are clipped to the limits, are convex (`high`) and concave (`low`) functions of 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from armguard.bounds.free_body import free_displacement
 from armguard.bounds.limits import JointLimits
@@ -148,6 +149,49 @@ def reached_velocity(
     return reached
 
 
+class Ahead(NamedTuple):
+    """What bounds a joint from its stamp on, either way, in [rad] or [m] and [s]."""
+
+    accel: float
+    """Its acceleration limit."""
+    speeding: float
+    """Its operating acceleration."""
+    top: float
+    """The most that it speeds up to."""
+    up: float
+    """The greatest velocity that it may have upwards."""
+    down: float
+    """The greatest velocity that it may have downwards."""
+    room_above: float
+    """How far up its stop is at the least."""
+    room_below: float
+    """How far down its stop is at the least."""
+    above: float
+    """When it can have got to the stop above first."""
+    below: float
+    """When it can have got to the stop below first."""
+
+
+@kernel
+def look_ahead(q: float, v: float, limits: JointLimits, joint: int) -> Ahead:
+    """What bounds a joint from its stamp on, errors of its state included.
+
+    Args:
+        q: Its measured position, in [rad] or [m].
+        v: Its measured velocity, in [rad]/[s] or [m]/[s].
+        limits: Of all joints.
+        joint: Which one it is.
+    """
+    accel, speeding = limits.acceleration[joint], limits.operating_acceleration[joint]
+    top = max(limits.operating_velocity[joint], abs(v))
+    up, down = v + limits.velocity_error[joint], -v + limits.velocity_error[joint]
+    error = limits.position_error[joint]
+    room_above, room_below = limits.upper[joint] - q - error, q - limits.lower[joint] - error
+    above = operating_arrival(up, accel, speeding, top, room_above)
+    below = operating_arrival(down, accel, speeding, top, room_below)
+    return Ahead(accel, speeding, top, up, down, room_above, room_below, above, below)
+
+
 @kernel
 def thrown_velocity(q: float, v: float, limits: JointLimits, joint: int, s: float) -> float:
     """Greatest speed, either way, that a joint can have `s` seconds from its stamp off its stop.
@@ -161,13 +205,9 @@ def thrown_velocity(q: float, v: float, limits: JointLimits, joint: int, s: floa
         joint: Which one it is.
         s: In [s].
     """
-    accel, speeding = limits.acceleration[joint], limits.operating_acceleration[joint]
-    top = max(limits.operating_velocity[joint], abs(v))
-    error, off = limits.velocity_error[joint], limits.position_error[joint]
-    above = operating_arrival(v + error, accel, speeding, top, limits.upper[joint] - q - off)
-    below = operating_arrival(error - v, accel, speeding, top, q - limits.lower[joint] - off)
-    since = s - min(above, below)
-    return min(top, accel * since) if since > 0.0 else 0.0
+    ahead = look_ahead(q, v, limits, joint)
+    since = s - min(ahead.above, ahead.below)
+    return min(ahead.top, ahead.accel * since) if since > 0.0 else 0.0
 
 
 @kernel
@@ -236,13 +276,7 @@ def fill_velocities(
         if not (abs(q[j] + v[j] + age) < math.inf and free >= 0.0):
             fastest[:, j], slowest[:, j] = math.inf, -math.inf
             continue
-        accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
-        top = max(limits.operating_velocity[j], abs(v[j]))
-        up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
-        error = limits.position_error[j]
-        room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
-        above = operating_arrival(up, accel, speeding, top, room_above)
-        below = operating_arrival(down, accel, speeding, top, room_below)
+        accel, speeding, top, up, down, _, _, above, below = look_ahead(q[j], v[j], limits, j)
         up_bite, down_bite, up_stop, down_stop = 0.0, 0.0, Stop(0.0, 0.0, 0.0), Stop(0.0, 0.0, 0.0)
         if free < math.inf:
             up_bite = reached_velocity(up, accel, speeding, top, below, free)
@@ -294,14 +328,11 @@ def fill_displacements(
     `high` and `low`, shape (nodes, nv), are not yet clipped to `highest` and `lowest`, (nv,).
     """
     for j in range(q.shape[0]):
-        accel, speeding = limits.acceleration[j], limits.operating_acceleration[j]
-        top = max(limits.operating_velocity[j], abs(v[j]))
-        up, down = v[j] + limits.velocity_error[j], -v[j] + limits.velocity_error[j]
+        accel, speeding, top, up, down, room_above, room_below, above, below = look_ahead(
+            q[j], v[j], limits, j
+        )
         error = limits.position_error[j]
-        room_above, room_below = limits.upper[j] - q[j] - error, q[j] - limits.lower[j] - error
-        # When the joint can have got to each of its stops first, and where it is clipped to them.
-        above = operating_arrival(up, accel, speeding, top, room_above)
-        below = operating_arrival(down, accel, speeding, top, room_below)
+        # Where it is clipped to its limits.
         highest[j] = max(limits.upper[j] - q[j], 0.0) + error
         lowest[j] = min(limits.lower[j] - q[j], 0.0) - error
         fastest_up, up_stop = _find_braking(up, accel, speeding, top, limits.brakes, j, below, free)

@@ -3,16 +3,20 @@
 Where something is between two links, it matters how near they can come. The distance of two
 spheres depends on the joints between their links alone. With one revolute joint between them its
 square is a + b cos x + c sin x in that joint's angle x: its least and greatest are known exactly.
+
+What no joint moves, such as the arm's base, has no spheres. Balls around its boxes stand for it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
-from armguard.jit.numerics import VARIATION_SLACK
+from armguard.jit.numerics import SUM_ROUNDING, VARIATION_SLACK
 from armguard.robot.kinematics import Kinematics, SphereTree
 
 FEWEST_PARTS = 6
@@ -31,11 +35,13 @@ class LinkGaps(NamedTuple):
     weight: FloatArray
     """How far any point of the arm can be from the axis of each joint, in [m]; 1: it slides.
     Shape (nv,)."""
+    base: FloatArray
+    """Balls around what no joint moves, in the world: centre and radius, in [m]. Shape (b, 4)."""
 
 
 def make_no_gaps() -> LinkGaps:
     """The gaps of an arm for which no contact limits are stated."""
-    return LinkGaps(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros(0))
+    return LinkGaps(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros(0), np.zeros((0, 4)))
 
 
 def make_link_gaps(
@@ -44,6 +50,7 @@ def make_link_gaps(
     turning: BoolArray,
     lower: FloatArray,
     upper: FloatArray,
+    base: FloatArray,
 ) -> LinkGaps:
     """How distances between the spheres of an arm can vary.
 
@@ -53,6 +60,7 @@ def make_link_gaps(
         turning: Which joints are revolute. Shape (nv,).
         lower: Least joint positions, in [rad] or [m]; -inf for a continuous joint. Shape (nv,).
         upper: Greatest joint positions, alike.
+        base: What `cover_base` returned.
     """
     home = np.clip(np.zeros(len(lower)), lower, upper)
     tree, placement = kinematics.spheres.tree, kinematics.placement
@@ -79,7 +87,34 @@ def make_link_gaps(
         if parent >= 0:
             variation[parent] = np.maximum(variation[parent], variation[node])
     reach = lever + np.where(turning, tree.radius[:, None], 0.0) * moves
-    return LinkGaps(parts, variation, reach.max(axis=0))
+    return LinkGaps(parts, variation, reach.max(axis=0), base)
+
+
+def cover_base(
+    fixed_points: Iterable[FloatArray], placement: pinocchio.SE3 | None = None
+) -> FloatArray:
+    """Balls around what no joint moves, eight to a link, in the world.
+
+    The box of each link, along the axes of the base, is cut in half along each of them. A ball
+    around such a part holds all of it.
+
+    Args:
+        fixed_points: By link, points whose hull contains it, in the base's frame, in [m].
+        placement: Of the base in the world; None: they coincide.
+
+    Returns:
+        Centre and radius, in [m]. Shape (b, 4).
+    """
+    base = pinocchio.SE3.Identity() if placement is None else placement
+    sides = np.stack(np.meshgrid(*[[0.25, 0.75]] * 3), axis=-1).reshape(-1, 3)
+    balls = []
+    for points in fixed_points:
+        low, high = points.min(axis=0), points.max(axis=0)
+        centers = (low + sides * (high - low)) @ base.rotation.T + base.translation
+        size = np.abs(low).max() + np.abs(high).max() + np.abs(base.translation).max()
+        radius = 0.25 * np.linalg.norm(high - low) + SUM_ROUNDING * size
+        balls.append(np.column_stack([centers, np.full(len(centers), radius)]))
+    return np.concatenate(balls) if balls else np.zeros((0, 4))
 
 
 def _find_variation(

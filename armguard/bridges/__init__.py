@@ -1,7 +1,7 @@
-"""Where armguard meets others: messages of ROS 2, simulations in MuJoCo, body-tracking kits.
+"""Where armguard meets others: ROS 2, MuJoCo, body-tracking kits and depth cameras.
 
-`armguard.bridges.mujoco`, which needs a package of its own, and `armguard.bridges.skeletons` are
-imported by their names.
+Three modules are imported by their names: `armguard.bridges.mujoco`, which needs a package of its
+own, `armguard.bridges.depth` and `armguard.bridges.skeletons`, which a camera's node needs alone.
 """
 
 from armguard.bridges.messages import JointStateReader, ObstacleReader

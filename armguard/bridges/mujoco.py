@@ -9,6 +9,9 @@ Needs the package mujoco (the extra `mujoco`).
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -360,6 +363,26 @@ def add_arm(spec: Any, robot: Robot) -> None:
         bodies[robot.joint_index(link)].add_geom(
             name=link, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=link, contype=0, conaffinity=0
         )
+
+
+def find_renderer() -> str | None:
+    """What MuJoCo can render with on this machine without a screen: `egl`, `osmesa`, or None.
+
+    MuJoCo takes it from the environment variable `MUJOCO_GL` when it is imported, so it is for
+    other processes. Where that variable is set, nothing else is tried. Takes a second.
+    """
+    wanted = os.environ.get("MUJOCO_GL")
+    for name in ("egl", "osmesa") if wanted is None else (wanted,):
+        done = subprocess.run(
+            [sys.executable, "-c", "import mujoco; mujoco.GLContext(64, 64).make_current()"],
+            env={**os.environ, "MUJOCO_GL": name},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=False,
+        )
+        if done.returncode == 0:
+            return name
+    return None
 
 
 def _grow(points: Array, radius: float) -> GeomShape:

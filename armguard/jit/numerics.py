@@ -56,6 +56,10 @@ PRUNING_SLACK = 1e-9
 """Relative to a distance: blocks that are this little too far are examined all the same, so that
 rounding never excludes the nearest one. It costs time only."""
 
+LENS_ROUNDING = 1e-9
+"""Relative to the square of the smaller radius, where a ball is laid around what two balls have in
+common: far more than these squares lose. Centres that are this near, in [m], count as one."""
+
 VARIATION_SLACK = 1e-6
 """By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
 

@@ -49,6 +49,8 @@ from armguard.jit.kernels import kernel
 from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.tethers import TIED
 from armguard.pairs.course_clamps import NOTHING, find_obstacle_speeds
+from armguard.pairs.receding import PieceMotion, find_pressing_link, sum_up_motion
+from armguard.pairs.touching import NO_LINK
 from armguard.robot.brakes import find_gentlest_stop
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import agrees, keep_known_state, make_known_states
@@ -162,11 +164,13 @@ class CommittedPieces:
         self._following = Following(robot)
         self._latency = settings.latency
         self._margin = settings.margin
+        self._limits = settings.contact_limits
         self._with_velocities = settings.permits_contact
         # Whether joints may leave a piece at any moment, to brake by themselves.
         self._may_leave = settings.leave == "any"
         self._known = KnownObstacles(scheduler)
         self._clamps: tuple[Any, Any] | None = None
+        self._pressing: tuple[Any, Any] | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -180,7 +184,7 @@ class CommittedPieces:
 
     @property
     def proved_until(self) -> float | None:
-        """By when an arm on any of the proved pieces surely rests, in [s]; None: it is on none."""
+        """When an arm on any of the proved pieces rests at the latest, in [s]; None: on none."""
         if not self.is_proved:
             return None
         return max(_find_end(piece.course) for piece in self._pieces)
@@ -256,6 +260,10 @@ class CommittedPieces:
         contact = self._find_contact(course, tick)
         if contact is not None:
             return contact
+        if self._with_velocities:
+            pressed = self._find_pressed(checked, course, tick)
+            if pressed is not None:
+                return pressed
         permitted = self._judged
         kept = self._make_room(self._drop_covered(kept, now), tick)
         if len(kept) >= MOST_PIECES:
@@ -345,6 +353,10 @@ class CommittedPieces:
         for _ in range(2):
             self.commit(self.with_stop(rest), tick)
         self.update(tick, 0.0, disturbed=False, unplaced=False)
+        if self._with_velocities:
+            joints = q.shape[1]
+            still = PieceMotion(*np.zeros((2, 1, joints)), *np.zeros((2, joints)))
+            self._compile_pressing(still)
         self.reset()
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
@@ -476,6 +488,10 @@ class CommittedPieces:
             return None
         link, obstacle = (None, None) if found.pair < 0 else scheduler.arm.names(found.pair)
         detail = f"contact time {found.time:.4g} s"
+        if self._limits is not None and found.pair >= 0:
+            row = found.pair // len(scheduler.arm.links)
+            regions = int(scheduler.arm.obstacles.table.regions[row])
+            detail += f"; {self._limits.describe_permitted(regions)}"
         reason = Reason(ReasonKind.PLAN_UNSAFE, f"{link} and {obstacle}", detail)
         return PlanVerdict(False, found.time, link, obstacle, (reason,))
 
@@ -489,6 +505,38 @@ class CommittedPieces:
             self._clamps = handle.kind, code
         speeds: FloatArray = self._clamps[1](handle, course, pairs, now)
         return speeds
+
+    def _find_pressed(
+        self, plan: CheckedPlan, course: PlannedCourse, tick: Tick
+    ) -> PlanVerdict | None:
+        """What touches the arm, and is not surely receded from on a piece; None if nothing."""
+        scheduler = self._scheduler
+        rows = scheduler.list_touchable(tick)
+        if not len(rows):
+            return None
+        scheduler.prepare(tick)
+        left = course if self._may_leave else None
+        motion = sum_up_motion(plan, tick.now, tick.q, left)
+        handle, watched = scheduler.arm.state.handle, scheduler.certificates.watched
+        find = self._compile_pressing(motion)
+        for row in rows.tolist():
+            link = find(handle, row, watched[row], motion, tick.now)
+            if link != NO_LINK:
+                names = scheduler.arm.names(row * watched.shape[1] + link)
+                return refuse_plan(
+                    f"{names[0]} and {names[1]}",
+                    f"{names[1]} is touched: the arm may only rest, or surely recede from it on "
+                    "the whole piece",
+                )
+        return None
+
+    def _compile_pressing(self, motion: PieceMotion) -> Any:
+        """Machine code of `find_pressing_link`, for the arrays that there are now."""
+        handle, watched = self._scheduler.arm.state.handle, self._scheduler.certificates.watched
+        if self._pressing is None or self._pressing[0] is not handle.kind:
+            code = machine_code(find_pressing_link, handle, 0, watched[0], motion, 0.0)
+            self._pressing = handle.kind, code
+        return self._pressing[1]
 
     def _remember(self) -> int:
         """Keep what is known of obstacles now where nothing is kept for another piece."""

@@ -1,8 +1,8 @@
 """What happens while the arm touches somebody, as is permitted: it is told, and must not press on.
 
 From the first tick in which a link meets a body part, by what was measured, the verdict is a STOP
-until the part has left, or the link recedes. The proofs about all other obstacles rest on one more
-premise then: that the contact moves no joint. Each joint state tests it.
+until the part has left. The proofs about all other obstacles rest on one more premise then: that
+the contact moves no joint. Each joint state tests it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from armguard.robot.robot import Robot
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Reason, ReasonKind, Verdict
+
+SHOWN_FROM = 0.1
+"""From when on it is told how long a contact has lasted, in [s]."""
 
 
 class ContactWatch:
@@ -42,7 +45,7 @@ class ContactWatch:
 
     @property
     def is_touching(self) -> bool:
-        """Whether a link touched something in the last tick, and did not recede."""
+        """Whether a link touched something in the last tick."""
         return self._pair != NOBODY
 
     def update(self, tick: Tick, expiry: float, *, is_on_piece: bool) -> list[Reason]:
@@ -64,9 +67,14 @@ class ContactWatch:
             self._since, self._rests_at = tick.now, tick.now + tick.stop_time
         self._pair = pair
         link, obstacle = self._scheduler.arm.names(pair)
-        detail = f"since {self._since:.3f} s"
+        # How long it has lasted is right on every clock, and the same in a replay.
+        lasted = tick.now - self._since
+        detail = f"for {lasted:.1f} s" if lasted >= SHOWN_FROM else ""
         reasons = [Reason(ReasonKind.IN_CONTACT, f"{link} and {obstacle}", detail)]
-        if not is_on_piece and tick.now >= self._rests_at:
+        if is_on_piece:
+            # It rests anew where the piece ends.
+            self._rest, self._rests_at = None, tick.now + tick.stop_time
+        elif tick.now >= self._rests_at:
             reasons += self._check_rest(tick)
         return reasons
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from armguard.monitor.doubtful_states import DoubtfulStates
 from armguard.monitor.late_data import LateData
 from armguard.monitor.levels import AWARE, CLEAR, SLOW, STOP, VerdictRule
 from armguard.monitor.rising_scale import RisingScale
+from armguard.monitor.second_look import SecondLook
 from armguard.monitor.stop_decision import STEP, StopDecision
 from armguard.obstacles.partners import NO_PARTNER
 from armguard.pairs.scene import BOUND_NAMES
@@ -35,10 +37,25 @@ from armguard.verdict import (
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
     from armguard.monitor.committed_pieces import CommittedPieces
+    from armguard.monitor.limit_reasons import LimitReasons
     from armguard.pairs.separation_margin import SeparationMargin
 
 NO_NAMES = (None, None)
 """Of link and obstacle, where no pair decides."""
+
+
+class Contact(NamedTuple):
+    """What a verdict says of the contact that could come first."""
+
+    names: tuple[str | None, str | None]
+    """Of its link and obstacle."""
+    time: float
+    """When it could come at the earliest, in [s] from now."""
+    harm_time: float
+    """When one could come that no limit permits, alike."""
+    speed: float | None
+    """How fast a contact is at most, in [m/s]; None where no contact limits are stated."""
+
 
 MOST_SLOW_SCALE = 1.0 - STEP
 """The most that is given out while the level is SLOW."""
@@ -95,19 +112,23 @@ class Judge:
 
             self._separation = SeparationMargin(settings.separation, self._braking_delay)
         self.certificate_inputs: dict[str, Any] | None = None
-        self._contact_limits = settings.contact_limits
-        self._permitted: tuple[PermittedContact, str, int] = (NO_CONTACT, "", 0)
-        self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED)
-        self._late_data = LateData(
-            scheduler.arm.obstacles, scheduler, states, rule, settings, self._stopping
-        )
+        self._limits: LimitReasons | None = None
+        if settings.contact_limits is not None:
+            from armguard.monitor.limit_reasons import LimitReasons
+
+            self._limits = LimitReasons(scheduler, settings.contact_limits)
+        self._look_again = SecondLook(scheduler, states, rule, settings, self._stopping)
+        obstacles = scheduler.arm.obstacles
+        self._late_data = LateData(obstacles, self._look_again, settings)
+        self._doubtful = DoubtfulStates(obstacles, scheduler, self._look_again, self._late_data)
         self._compile(robot)
 
     def reset(self) -> None:
         """Forget speed scales and committed pieces."""
         self._late_data.reset()
+        self._doubtful.reset()
         self._rising.reset()
-        for memory in (self._stopping, self.pieces):
+        for memory in (self._stopping, self.pieces, self._limits):
             if memory is not None:
                 memory.reset()
 
@@ -134,7 +155,7 @@ class Judge:
             contact_time = 0.0
         # The soonest contact that is not permitted.
         harm_pair, harm_time = pair, contact_time
-        if self._contact_limits is not None and not unplaced:
+        if self._limits is not None and pair != NOBODY:
             harm_pair, harm_expiry = self._scheduler.find_harm()
             harm_time = max(harm_expiry - tick.time, contact_time)
         standing = bool(reasons) and any(
@@ -149,12 +170,11 @@ class Judge:
         stop_time = tick.stop_time
         matters = not (overdue or standing or unplaced or harm_time > stop_time)
         # What was decided about in this tick is not overdue, though its certificate has ended.
-        is_decided = (
-            matters
-            and (ended > 0 or not is_proved)
-            and stopping is not None
-            and stopping.rests(tick)
-        )
+        is_asked = matters and (ended > 0 or not is_proved) and stopping is not None
+        is_decided = is_asked and stopping is not None and stopping.rests(tick)
+        offending = NOBODY
+        if self._limits is not None and stopping is not None and is_asked and not is_decided:
+            offending = stopping.offending
         if not is_decided:
             overdue += ended
         rests = is_decided or (matters and is_proved and not overdue)
@@ -165,9 +185,9 @@ class Judge:
         proved = None
         earned = rule.grade(harm_time, stop_time, rests=rests, whole=is_proved)
         permitted = None
-        if self._contact_limits is not None and is_proved:
+        if self._limits is not None and is_proved:
             permitted = self._find_permitted_on_piece()
-        elif self._contact_limits is not None and earned is not STOP:
+        elif self._limits is not None and earned is not STOP:
             within = stop_time if earned is not SLOW else max(stop_time, tick.late_stop_time)
             permitted = NO_CONTACT
             if not contact_time > within:
@@ -196,10 +216,18 @@ class Judge:
             if not (standing or held or unplaced):
                 # Last of all questions, so that it disturbs none of those that decide.
                 reasons += self._late_data.explain(tick, level)
-            deciding = names if harm_pair == pair else self._scheduler.arm.names(harm_pair)
-            reasons.append(self._tell_contact(harm_pair, deciding, harm_time))
+                reasons += self._doubtful.explain(tick, level)
+                reasons += self._tell_forbidden(tick, level, offending)
+            told_pair, told_time = harm_pair, harm_time
+            if offending != NOBODY:
+                # Not the one of which harm could come first, but the one for which the arm stops.
+                told_pair = offending
+                told_time = max(self._scheduler.find_harm_expiry(offending) - tick.time, 0.0)
+            deciding = names if told_pair == pair else self._scheduler.arm.names(told_pair)
+            reasons.append(self._tell_contact(told_pair, deciding, told_time))
         if permitted is not None and permitted.pair != NOBODY and level is not STOP:
-            reasons.append(self._tell_permitted(permitted))
+            assert self._limits is not None, "nothing is permitted without limits"
+            reasons.append(self._limits.tell_permitted(permitted))
         if len(reasons) > 1:
             sort_reasons(reasons)
         if rule.begins:
@@ -218,20 +246,16 @@ class Judge:
             evaluated += stopping.evaluated - spent_before
             if stopping.left:
                 reasons.append(self._tell_spent(stopping))
+        speed = self._find_contact_speed(permitted if level is not STOP or is_proved else None)
         verdict = self._make_verdict(
             stamp,
             tick,
             level,
-            contact_time,
+            Contact(names, contact_time, harm_time, speed),
             scale,
-            names,
             evaluated,
             reasons,
             complete=complete,
-            harm_time=harm_time,
-            contact_speed=self._find_contact_speed(
-                permitted if level is not STOP or is_proved else None
-            ),
             cause=cause,
         )
         if self._separation is not None:
@@ -258,34 +282,21 @@ class Judge:
             self._rule.latch(reason, since)
         level, _ = self._rule.decide(tick.now, STOP, complete=False, standing=True)
         self._rising.give(tick.now, 0.0)
-        return self._make_verdict(
-            stamp,
-            tick,
-            level,
-            0.0,
-            0.0,
-            NO_NAMES,
-            0,
-            [] if latches else [reason],
-            complete=False,
-            harm_time=0.0,
-            contact_speed=self._find_contact_speed(None),
-        )
+        contact = Contact(NO_NAMES, 0.0, 0.0, self._find_contact_speed(None))
+        told = [] if latches else [reason]
+        return self._make_verdict(stamp, tick, level, contact, 0.0, 0, told, complete=False)
 
     def _make_verdict(
         self,
         stamp: float,
         tick: Tick,
         level: Level,
-        contact_time: float,
+        contact: Contact,
         scale: float,
-        names: tuple[str | None, str | None],
         evaluated: int,
         reasons: list[Reason],
         *,
         complete: bool,
-        harm_time: float,
-        contact_speed: float | None,
         cause: Held | None = None,
     ) -> Verdict:
         """The one place where a verdict is made; reasons are those beside what is latched."""
@@ -302,10 +313,10 @@ class Judge:
                 stamp,
                 tick.number,
                 level,
-                contact_time,
+                contact.time,
                 tick.stop_time,
                 scale,
-                *names,
+                *contact.names,
                 complete,
                 evaluated,
                 (*latched.values(), *reasons) if latched or reasons else (),
@@ -315,8 +326,8 @@ class Judge:
                 stop,
                 proved_until,
                 cause,
-                harm_time,
-                contact_speed,
+                contact.harm_time,
+                contact.speed,
             ),
         )
 
@@ -330,24 +341,28 @@ class Judge:
 
     def _find_contact_speed(self, permitted: PermittedContact | None) -> float | None:
         """The verdict's bound on the speed of a contact, in [m/s]."""
-        if self._contact_limits is None:
+        if self._limits is None:
             return None
         return math.inf if permitted is None else permitted.greatest
 
-    def _tell_permitted(self, permitted: PermittedContact) -> Reason:
-        """Which contact the level rests on that is permitted, up to which speed, and by whom."""
-        link, obstacle = self._scheduler.arm.names(permitted.pair)
-        row = permitted.pair // len(self._scheduler.arm.links)
-        regions = int(self._scheduler.arm.obstacles.table.regions[row])
-        # A row can be another obstacle's by now, or of another region, and be touched as fast.
-        if (permitted, obstacle, regions) == self._permitted:
-            return self._told_permitted
-        assert self._contact_limits is not None, "nothing is permitted without limits"
-        stated = self._contact_limits.describe(regions)
-        detail = f"at most {permitted.speed:.2f} of {permitted.limit:.2f} m/s ({stated})"
-        self._permitted = permitted, obstacle, regions
-        self._told_permitted = Reason(ReasonKind.CONTACT_ALLOWED, f"{link} and {obstacle}", detail)
-        return self._told_permitted
+    def _tell_forbidden(self, tick: Tick, level: Level, offending: int) -> list[Reason]:
+        """Why limits forbid the contact that a STOP, or the scale of a SLOW, rests on.
+
+        Args:
+            tick: The tick.
+            level: Its level, which is not held from earlier ones.
+            offending: For which pair the stop decision was denied; NOBODY if it was not.
+        """
+        limits, stopping = self._limits, self._stopping
+        if limits is None or stopping is None:
+            return []
+        told = None
+        if level is STOP:
+            told = limits.tell_forbidden(tick, offending, self._response_time, "")
+        elif level is SLOW:
+            begin, horizon = "at full speed: ", stopping.looks_ahead
+            told = limits.tell_forbidden(tick, stopping.limiting, horizon, begin)
+        return [] if told is None else [told]
 
     def _tell_contact(self, pair: int, names: tuple[Any, Any], contact_time: float) -> Reason:
         """Which pair the level rests on, and by what bound."""
@@ -455,7 +470,8 @@ class Judge:
         lower, upper = robot.lower_position_limit, robot.upper_position_limit
         tick = Tick(-1, 0.0, 0.0, np.clip(still, lower, upper), still, 0.0, 0.0, 0.0)
         scale_that_rests(self._in_force.brakes, self._in_force.velocity, 0.0)
-        self._late_data.compile(tick)
+        # Compiles what it runs.
+        self._look_again.grade(tick, np.zeros(0, dtype=np.int64))
         if self._stopping is not None:
             self._find_most_scale(self._stopping)
             # Where nothing is near, neither stops nor scales have to be asked for.

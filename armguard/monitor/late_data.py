@@ -10,18 +10,11 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-import numpy as np
 
 from armguard.jit.arrays import IntArray
-from armguard.monitor.levels import VerdictRule
-from armguard.monitor.stop_decision import StopDecision
+from armguard.monitor.second_look import NearPairs, SecondLook
 from armguard.obstacles.obstacles import Obstacles
-from armguard.pairs.evaluate import evaluate, find_unsafe_pair
-from armguard.robot.joint_states import JointStates
-from armguard.scheduling.scheduler import Scheduler, Tick
+from armguard.scheduling.scheduler import Tick
 from armguard.settings.settings import Settings
 from armguard.verdict import Level, Reason, ReasonKind
 
@@ -41,9 +34,6 @@ period. That is twice the median where there is no latency; the second limit the
 of a period for jitter, and for the grid of ticks."""
 SHORTEST, PER_OCTAVE, BINS = 1e-4, 8, 160
 """Ages are counted in bins: from 0.1 ms on, 8 for each doubling, up to 100 s. In [s]."""
-MOST_PAIRS = 128
-"""Pairs that are evaluated once more, at most: the most imminent ones."""
-
 LOOK_INTERVAL = 0.2
 """Between two looks at what fresh data would give, while the level is the same and the same sources
 are late, in [s]. A look takes as long as to evaluate all that is near."""
@@ -109,11 +99,8 @@ class LateData:
 
     Args:
         obstacles: The table.
-        scheduler: Knows the pairs.
-        states: Knows the joint states.
-        rule: Makes levels.
+        look_again: Evaluates what is near once more.
         settings: Of the monitor.
-        stopping: Decides about stops; None: contact times alone decide.
 
     Attributes:
         sample_at: When the next ages are to be taken in, in [s].
@@ -122,27 +109,17 @@ class LateData:
     def __init__(
         self,
         obstacles: Obstacles,
-        scheduler: Scheduler,
-        states: JointStates,
-        rule: VerdictRule,
+        look_again: SecondLook,
         settings: Settings,
-        stopping: StopDecision | None,
     ) -> None:
         self._obstacles = obstacles
-        self._scheduler = scheduler
-        self._states = states
-        self._rule = rule
-        self._response_time = settings.response_time
-        self._stopping = stopping
+        self._look_again = look_again
         # Until samples tell, joint states may come a tick late, and one in each tick.
         self._joint_age = UsualAge(settings.period, settings.period)
         self._source_ages: list[UsualAge] = []
         self._sample_number = 0
         self._latest_usual_joints = math.inf
         self.reset()
-        self._times = np.zeros(MOST_PAIRS)
-        self._nodes = np.zeros(MOST_PAIRS, dtype=np.int64)
-        self._bounds = np.zeros(MOST_PAIRS, dtype=np.int8)
 
     def reset(self) -> None:
         """Time may start anew; usual ages stay what they are."""
@@ -225,25 +202,34 @@ class LateData:
         That is `level` where no late data matter, and None where it is unknown: what is less
         imminent than the pairs that are evaluated could lower it as far.
         """
-        horizon = tick.stop_time + self._rule.aware_margin
-        listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
-        near = listing.pairs[~(listing.expiry > tick.time + horizon)]
-        rows = np.unique(near // len(self._scheduler.arm.links))
-        late = self._find_late_rows(rows, tick.now, sources)
-        if not (len(near) and (arm_late > 0.0 or late)):
+        near = self._look_again.find_near(tick)
+        late = self._find_late_rows(near.rows, tick.now, sources)
+        if not (len(near.pairs) and (arm_late > 0.0 or late)):
             return level, []
         owner = self._obstacles.table.owner
         owners = sorted({int(owner[row]) for row in late})
         fresh = self._grade(tick, near, arm_late, late)
-        if fresh > level and len(near) == MOST_PAIRS:
-            # What is not listed has certificates that last at least as long.
-            rest = self._rule.grade(float(listing.expiry[-1]) - tick.time, tick.stop_time)
+        if fresh > level and near.rest < math.inf:
+            rest = self._look_again.grade_rest(tick, near)
             return (min(fresh, rest) if rest > level else None), owners
         return fresh, owners
 
-    def compile(self, tick: Tick) -> None:
-        """Run once what only some ticks need, so that nothing is compiled in a tick."""
-        self._grade(tick, np.zeros(0, dtype=np.int64), 0.0, {})
+    def find_hidden(self, row: int, now: float) -> float:
+        """How long a body was not seen, in [s], if that is unusual beside its source; else 0."""
+        table = self._obstacles.table
+        owner, age = int(table.owner[row]), now - float(table.accepted.stamp[row])
+        if owner >= len(self._source_ages) or not age > self._source_ages[owner].latest_usual:
+            return 0.0
+        # What is as old as all that its source has sent is late, and not hidden.
+        return age if self._obstacles.source_states[owner].newest > table.stamp[row] else 0.0
+
+    def find_shortest_usual(self) -> float:
+        """What every source sends within, in [s], in the usual way; inf where there is none."""
+        return min((ages.latest_usual for ages in self._source_ages), default=math.inf)
+
+    def find_usual(self, row: int) -> float:
+        """The usual age of what the source of a body sends, in [s]."""
+        return self._source_ages[int(self._obstacles.table.owner[row])].median or 0.0
 
     def _find_late_sources(self, now: float) -> dict[int, str]:
         """Sources whose newest data are older than usual, by number."""
@@ -277,46 +263,14 @@ class LateData:
                 found[row] = self._source_ages[owner].find_lateness(age)
         return {row: lateness for row, lateness in found.items() if lateness > 0.0}
 
-    def _grade(self, tick: Tick, pairs: IntArray, arm_late: float, late: dict[int, float]) -> Level:
+    def _grade(self, tick: Tick, near: NearPairs, arm_late: float, late: dict[int, float]) -> Level:
         """The level that data of their usual ages would earn."""
-        age = tick.arm_age - arm_late
-        stop_time, _ = self._states.stop_times(age) if arm_late > 0.0 else (tick.stop_time, 0.0)
-        times = self._times[: len(pairs)]
-        with self._freshen(tick, age, late):
-            state = self._scheduler.arm.state
-            evaluate(state, pairs, times, self._nodes, self._bounds)
-            contact_time = float(times.min(initial=math.inf))
-            rests, whole = contact_time > stop_time, False
-            if self._stopping is not None:
-                rests = rests or self._stops(tick, age, pairs, self._response_time)
-                whole = rests and self._stops(tick, age, pairs, self._stopping.looks_ahead)
-        return self._rule.grade(contact_time, stop_time, rests=rests, whole=whole)
-
-    def _stops(self, tick: Tick, age: float, pairs: IntArray, horizon: float) -> bool:
-        """Whether an arm that is told to stop after a time, in [s], rests in time."""
-        braking = self._scheduler.arm.motion.braking
-        if not braking.covers(tick.v, age, horizon):
-            return False
-        braking.tabulate(tick.q, tick.v, age, horizon)
-        return bool(find_unsafe_pair(self._scheduler.arm.state, pairs)[0] < 0)
-
-    @contextmanager
-    def _freshen(self, tick: Tick, age: float, late: dict[int, float]) -> Iterator[None]:
-        """Let the arm and obstacles have other ages for a while; all is as it was then."""
-        scheduler = self._scheduler
-        scheduler.prepare(tick)
-        state, stamps = scheduler.arm.state, self._obstacles.table.accepted.stamp
-        threshold, sphere_time = state.refinement_threshold, state.sphere_time.copy()
+        stamps = self._obstacles.table.accepted.stamp
         known = {row: float(stamps[row]) for row in late}
         try:
             for row, lateness in late.items():
                 stamps[row] += lateness
-            state.arm_age, state.refinement_threshold = age, tick.refinement_threshold
-            state.prepare_arm(tick.q, tick.v)
-            yield
+            return self._look_again.grade(tick, near.pairs, arm_late)
         finally:
             for row, stamp in known.items():
                 stamps[row] = stamp
-            state.arm_age, state.refinement_threshold = tick.arm_age, threshold
-            state.prepare_arm(tick.q, tick.v)
-            state.sphere_time[:] = sphere_time

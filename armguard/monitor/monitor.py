@@ -718,7 +718,9 @@ class Monitor:
         if obstacles.unplaced():
             return refuse_plan("obstacles", "some found no room, and could be anywhere")
         for reason in self._reasons:
-            if reason.kind.effect is Effect.STANDING:
+            # What is touched is looked at by itself: a piece may recede from it.
+            is_standing = reason.kind.effect is Effect.STANDING
+            if is_standing and reason.kind is not ReasonKind.IN_CONTACT:
                 return refuse_plan("last step", f"was a STOP: {reason}")
         if self._reloaded:
             return refuse_plan("payload", "has changed since the last step: step first")

@@ -65,6 +65,9 @@ class StopDecision:
         evaluated: Evaluations so far.
         left: Obstacles that were not decided about, where the user's budget was spent since this
             was set to 0 last.
+        offending: The pair for which the last question was denied; NOBODY where none was, or brakes
+            are not stated for what joints can do.
+        limiting: The pair that keeps the scale below what was asked for, as far as that is known.
         braking_delay: From a tick until brakes bite that its verdict, or the next one, calls for,
             in [s].
         looks_ahead: When the arm is told to stop in the proof of a scale, in [s] from its tick.
@@ -84,6 +87,7 @@ class StopDecision:
 
     def reset(self) -> None:
         """Forget what was asked before."""
+        self.offending = self.limiting = NOBODY
         self._unsafe_in = -9
         self._raise_at = self._fell_at = -math.inf
         self._kept.reset()
@@ -96,6 +100,7 @@ class StopDecision:
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
+        self.offending = NOBODY
         if not braking.covers(v, age, response_time):
             return False
         known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
@@ -142,10 +147,13 @@ class StopDecision:
         found = min(given, most)
         if found < most and not tick.time < self._raise_at:
             if self._may_rise(tick, most):
+                self.limiting = NOBODY
                 return most
+            self.limiting = self.offending
             self._raise_at = tick.time + RAISE_PAUSE
         if not self._is_safe(tick, found, lasts=True):
             # Invariant: `found` is safe, for an arm that may be told to stop now; `high` is not.
+            self.limiting = self.offending
             found, high = 0.0, found
             scale = high - STEP
             while scale > 0.0 and high - found > STEP:
@@ -153,6 +161,7 @@ class StopDecision:
                     found = scale
                 else:
                     high = scale
+                    self.limiting = self.offending
                 scale = 0.5 * (found + high)
             self._raise_at = tick.time + RAISE_PAUSE
             self._fell_at = tick.time
@@ -283,4 +292,5 @@ class StopDecision:
         )
         self.evaluated += unsafe.evaluated
         self.left = max(self.left, unsafe.left)
+        self.offending = unsafe.pair
         return unsafe.pair == NOBODY

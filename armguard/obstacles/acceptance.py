@@ -26,17 +26,29 @@ from armguard.jit.numerics import (
     SUM_ROUNDING,
     VELOCITY_BY_ACCEL,
 )
+from armguard.obstacles.broken_bounds import (
+    BROKEN_FACTOR,
+    MAXIMUM_ACCEL,
+    MAXIMUM_SPEED,
+    begin_break,
+    count_as_moved,
+    count_bounds,
+    has_moved,
+    measure_bounds,
+)
 from armguard.obstacles.consistency import (
+    body_allows,
     clearly_allows,
     find_broken_bound,
     find_square_limit,
 )
 from armguard.obstacles.message import HAS_REGIONS, Frames, MessageHead
 from armguard.obstacles.possible_states import (
-    find_place,
+    drop_state,
+    drop_undecided,
+    let_stand,
+    let_undecided_stand,
     lose_sight,
-    set_state_aside,
-    widen_to_cover,
 )
 from armguard.obstacles.record import Record
 from armguard.obstacles.reference_states import allows_reference_state
@@ -47,25 +59,13 @@ from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, not
 CONFIRMING_SAMPLES = 5
 """So many consecutive samples that agree with each other confirm another track."""
 
+REJOINED_WITHIN = 0.05
+"""After a longer pause, in [s], a sample that may follow a refused one says little about it."""
+
 TOLD_FOR = 0.2
 """How long, in [s], bounds that were told of a body count in deciding whether its samples agree, at
 the least: a source may narrow them while messages are under way. That is leniency in what is
 refused, never in what is proved: each certificate is tested by the bounds that it rests on."""
-
-BROKEN_FACTOR = 1.5
-"""Times what was seen of a body that broke its bounds counts for the next `BROKEN_FOR` seconds of
-its stamps."""
-
-BROKEN_FOR = 2.0
-
-BELIEVABLE_ACCEL = 5.0
-BELIEVABLE_SPEED = 2.0
-"""A body may break its bounds up to so many times; what would have had to break them by more was
-another body, or is no measurement. Of people at work, hands reach four times the 10 m/s² and 1.7
-times the 2 m/s that count unless told otherwise (docs/people.md)."""
-
-SEEN_WITHIN = 0.1
-"""Between samples farther apart than this, in [s], nothing is seen of how a body moved."""
 
 RESOLUTION = 1e-9
 """What positions and velocities are off by at the least, in [m] and [m/s]: numbers that a source
@@ -73,10 +73,6 @@ has summed up step by step are off by rounding, though it calls them exact. Smal
 this large, so that what is accepted is also reckoned with."""
 
 LARGEST = sys.float_info.max
-
-MAXIMUM_ACCEL = 1000.0
-MAXIMUM_SPEED = 100.0
-"""Finite bounds above these, in [m/s²] and [m/s], are another unit or no bounds: `inf` says so."""
 
 TAKEN = 0
 """Codes 1 to 5 are those of `consistency.body_allows`; these are the rule's own."""
@@ -192,21 +188,27 @@ def _write(states: States, row: int, sample: States) -> None:
 
 
 @kernel
-def _keep_surer(sample: States, accepted: States, row: int) -> None:
+def _keep_surer(sample: States, accepted: States, row: int, accel: float) -> None:
     """Replace what a newer sample says more vaguely than the accepted state still does.
 
     Both hold within their errors, so the truth lies in what both allow. After a time h a velocity
     is within dv + A h of v, and a point within dp + (dv + A h / 2) h of x + v h, with the errors dp
     and dv of the accepted state. Whichever error is smaller counts, of velocities and of points by
-    themselves. A body that is described otherwise now is taken as the sample describes it.
+    themselves. The sample's bounds hold from its stamp on.
+
+    A sample with another radius may describe the body by other points. One with a smaller radius
+    says nothing against the larger body of before, of which all counts that is known, or nothing:
+    it does if that body is within less room around its points, and its velocities are surer. A
+    larger radius is taken as the sample has it, for the body may have grown.
+
+    Args:
+        sample: Written.
+        accepted: Accepted states.
+        row: Of the body.
+        accel: What its acceleration was at most in between, in [m/s²].
     """
-    accel = accepted.accel[row]
-    if not (
-        accel < math.inf
-        and sample.accel[0] == accel
-        and sample.speed[0] == accepted.speed[row]
-        and sample.radius[0] == accepted.radius[row]
-    ):
+    radius = accepted.radius[row]
+    if not (accel < math.inf and sample.radius[0] <= radius):
         return
     before, stamp = accepted.stamp[row], sample.stamp[0]
     elapsed = stamp - before
@@ -220,14 +222,18 @@ def _keep_surer(sample: States, accepted: States, row: int) -> None:
             moved = accepted.velocities[row, k, axis] * duration
             size = max(size, abs(accepted.points[row, k, axis]) + abs(moved))
     position_error += SUM_ROUNDING * (position_error + size)
-    if position_error < sample.position_error[0]:
-        sample.position_error[0] = position_error
+    velocity_error = (velocity_error + change) * (1.0 + SUM_ROUNDING)
+    is_closer = position_error + radius < sample.position_error[0] + sample.radius[0]
+    is_surer = velocity_error < sample.velocity_error[0]
+    if sample.radius[0] < radius:
+        is_closer = is_surer = is_closer and is_surer
+    if is_closer:
+        sample.position_error[0], sample.radius[0] = position_error, radius
         for k in range(sample.point_count[0]):
             for axis in range(3):
                 moved = accepted.velocities[row, k, axis] * elapsed
                 sample.points[0, k, axis] = accepted.points[row, k, axis] + moved
-    velocity_error = (velocity_error + change) * (1.0 + SUM_ROUNDING)
-    if velocity_error < sample.velocity_error[0]:
+    if is_surer:
         sample.velocity_error[0] = velocity_error
         for k in range(sample.point_count[0]):
             for axis in range(3):
@@ -304,107 +310,121 @@ def _largest_step(before: FloatArray, after: FloatArray, count: int) -> float:
 
 
 @kernel
-def _measure_bounds(states: States, row: int, sample: States) -> tuple[float, float]:
-    """Acceleration and speed that a body needed at the least to be in a state and in a sample.
-
-    inf where nothing can be said of that.
-    """
-    elapsed = sample.stamp[0] - states.stamp[row]
-    duration = abs(elapsed)
-    if not (0.0 < duration <= SEEN_WITHIN and states.point_count[row] == sample.point_count[0]):
-        return math.inf, math.inf
-    error = states.position_error[row] + sample.position_error[0]
-    rate_error = states.velocity_error[row]
-    accel = speed = 0.0
-    for k in range(sample.point_count[0]):
-        step2 = stray2 = change2 = velocity2 = 0.0
-        for axis in range(3):
-            v0, v1 = states.velocities[row, k, axis], sample.velocities[0, k, axis]
-            step = sample.points[0, k, axis] - states.points[row, k, axis]
-            step2 += step * step
-            stray2 += (step - v0 * elapsed) ** 2
-            change2 += (v1 - v0) ** 2
-            velocity2 += v1 * v1
-        speed = max(speed, math.sqrt(velocity2) - sample.velocity_error[0])
-        speed = max(speed, (math.sqrt(step2) - error) / duration)
-        changed = math.sqrt(change2) - rate_error - sample.velocity_error[0]
-        strayed = math.sqrt(stray2) - error - rate_error * duration
-        accel = max(accel, changed / duration, 2.0 * strayed / (duration * duration))
+def _find_told_bounds(told: Told, row: int, sample: States) -> tuple[float, float]:
+    """The largest bounds that a sample states or that were told lately, in [m/s²] and [m/s]."""
+    accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
+    speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
     return accel, speed
 
 
 @kernel
-def _widen_broken_bounds(handle: Any, states: States, row: int, sample: States) -> bool:
-    """Let what a body has shown between a state and a sample count, if that is believable.
-
-    Larger bounds make contact times shorter.
-
-    Returns:
-        Whether it may have broken its bounds, rather than be another body.
-    """
-    table = handle.content
-    told, accepted = table.told, table.accepted
-    if table.marks.touched[row]:
-        # What the arm pushes moves as the arm has it, which says nothing of its own bounds.
-        return True
-    accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
-    speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
-    seen_accel, seen_speed = _measure_bounds(states, row, sample)
-    if not (seen_accel <= BELIEVABLE_ACCEL * accel and seen_speed <= BELIEVABLE_SPEED * speed):
-        return False
-    stamp = sample.stamp[0]
-    if not stamp <= told.broken_until[row]:
-        told.broken_accel[row] = told.broken_speed[row] = 0.0
-    if seen_accel > accel:
-        counts = BROKEN_FACTOR * seen_accel
-        told.broken_accel[row] = max(told.broken_accel[row], counts)
-    if seen_speed > speed:
-        counts = BROKEN_FACTOR * seen_speed
-        told.broken_speed[row] = max(told.broken_speed[row], counts)
-    told.broken_until[row] = max(told.broken_until[row], stamp + BROKEN_FOR)
-    _count_broken_bounds(told, row, sample)
-    if table.marks.has_state[row] and not table.marks.static[row]:
-        accepted.accel[row] = max(accepted.accel[row], told.broken_accel[row])
-        accepted.speed[row] = max(accepted.speed[row], told.broken_speed[row])
-    return True
-
-
-@merged_kernel
-def _count_broken_bounds(told: Told, row: int, sample: States) -> None:
-    """Let a sample's bounds be no narrower than what its body has shown lately.
-
-    Compared as they are here, what is no number stays none, and is refused as that.
-    """
-    if not sample.stamp[0] <= told.broken_until[row]:
-        return
-    if sample.accel[0] < told.broken_accel[row]:
-        sample.accel[0] = told.broken_accel[row]
-        if sample.accel[0] > MAXIMUM_ACCEL:
-            sample.accel[0] = math.inf
-    if sample.speed[0] < told.broken_speed[row]:
-        sample.speed[0] = told.broken_speed[row]
-        if sample.speed[0] > MAXIMUM_SPEED:
-            sample.speed[0] = math.inf
+def _can_move_so(accel: float, speed: float, most_accel: float, most_speed: float) -> bool:
+    """Whether a body may have shown this, in [m/s²] and [m/s]; inf: nothing can be said of it."""
+    return max(accel, speed) < math.inf and accel <= most_accel and speed <= most_speed
 
 
 @kernel
-def _let_stand(handle: Any, row: int, sample: States) -> None:
-    """Let a refused sample be possible: in a place of its own, or within the bounds of another."""
+def _note_break(handle: Any, row: int, sample: States) -> None:
+    """Let a refused sample be undecided if a body could have moved so since the sample before it.
+
+    That is the last one that was refused, or else the accepted one. A body that the arm pushes
+    moves as the arm has it, which says nothing of its own bounds.
+    """
     table = handle.content
-    refused, marks = table.refused, table.marks
-    marks.refused[row] = True
-    radius, accel, speed = sample.radius[0], sample.accel[0], sample.speed[0]
-    record = Record(sample, 0, radius, accel, speed)
-    for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
-        if widen_to_cover(refused, place, record):
-            # As long as if it had come now.
-            table.refusals.until[place] = math.inf
-            covers_from = max(table.refusals.covers_from[place], sample.stamp[0])
-            table.refusals.covers_from[place] = covers_from
+    breaks, marks, limits = table.breaks, table.marks, table.body_limits
+    accepted, candidates = table.accepted, table.candidates
+    if marks.touched[row]:
+        return
+    accel, speed = _find_told_bounds(table.told, row, sample)
+    most_accel, most_speed = max(accel, limits[1]), max(speed, limits[0])
+    if marks.confirmations[row] > 0:
+        seen_accel, seen_speed = measure_bounds(candidates, row, sample)
+        if _can_move_so(seen_accel, seen_speed, most_accel, most_speed):
+            if seen_accel > accel or seen_speed > speed:
+                begin_break(breaks, row, candidates, row, sample, accel, speed)
             return
-    place = find_place(marks, table.refusals, row)
-    if place >= 0:
-        copy_state(sample, 0, refused, place)
+    if marks.has_state[row] and not marks.static[row]:
+        seen_accel, seen_speed = measure_bounds(accepted, row, sample)
+        is_possible = _can_move_so(seen_accel, seen_speed, most_accel, most_speed)
+        if is_possible and (seen_accel > accel or seen_speed > speed):
+            begin_break(breaks, row, accepted, row, sample, accel, speed)
+
+
+@kernel
+def _decide_break(handle: Any, row: int, sample: States) -> None:
+    """Take in one of the samples that decide whether a body has moved as it broke its bounds.
+
+    If it has, its wider bounds count for this sample and for those of the next while. Either way
+    what stood for that possibility alone stands no more.
+    """
+    table = handle.content
+    breaks, marks, refusals = table.breaks, table.marks, table.refusals
+    breaks.latest[row] = sample.stamp[0]
+    breaks.further[row] -= 1
+    if breaks.further[row] > 0:
+        return
+    if has_moved(breaks, row, sample):
+        stamp = sample.stamp[0]
+        count_as_moved(breaks, row, stamp, breaks.accel[row], breaks.speed[row])
+        count_bounds(sample, breaks.moved_accel[row], breaks.moved_speed[row])
+    if drop_undecided(marks, table.refused, refusals, row):
+        marks.revision[row] += 1
+        note_row(table.changed_rows, row)
+
+
+@kernel
+def _count_slow_break(handle: Any, row: int, sample: States) -> bool:
+    """Let count what an accepted sample shows against its reference state, if a body can do that.
+
+    Returns:
+        Whether it may have broken its bounds, in steps that each kept them within the errors.
+    """
+    table = handle.content
+    if table.marks.touched[row]:
+        return True
+    breaks, accepted, limits = table.breaks, table.accepted, table.body_limits
+    accel, speed = _find_told_bounds(table.told, row, sample)
+    seen_accel, seen_speed = measure_bounds(table.reference_states, row, sample)
+    if not _can_move_so(seen_accel, seen_speed, max(accel, limits[1]), max(speed, limits[0])):
+        return False
+    seen_accel = BROKEN_FACTOR * seen_accel if seen_accel > accel else 0.0
+    seen_speed = BROKEN_FACTOR * seen_speed if seen_speed > speed else 0.0
+    count_as_moved(breaks, row, sample.stamp[0], seen_accel, seen_speed)
+    count_bounds(sample, breaks.moved_accel[row], breaks.moved_speed[row])
+    accepted.accel[row], accepted.speed[row] = sample.accel[0], sample.speed[0]
+    return True
+
+
+@kernel
+def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: float) -> None:
+    """Give up refused states that a sample follows which is about to be the accepted one.
+
+    Were one of them the accepted one, the sample would replace it all the same. After a pause
+    bounds allow for so much that this would say little. A state that covers several samples stays:
+    what follows it need not follow each of them.
+
+    Args:
+        handle: On the table's `Rows`; written.
+        row: Of the body.
+        sample: The sample, as it was sent.
+        accel: Bound on acceleration that is stated, in [m/s²].
+        speed: Bound on speed that is stated, in [m/s].
+    """
+    table = handle.content
+    marks, refused, refusals = table.marks, table.refused, table.refusals
+    told = Record(sample, 0, 0.0, accel, speed)
+    number = 0
+    while number < marks.refused_count[row]:
+        place = row * MOST_REFUSED + number
+        elapsed = sample.stamp[0] - refused.stamp[place]
+        before = Record(refused, place, 0.0, accel, speed)
+        is_single = refusals.covers_from[place] == -math.inf
+        is_next = is_single and 0.0 < elapsed <= REJOINED_WITHIN
+        if is_next and body_allows(before, told) == ALLOWED:
+            drop_state(marks, refused, refusals, row, place)
+            note_row(table.changed_rows, row)
+        else:
+            number += 1
 
 
 @kernel
@@ -420,39 +440,53 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
         marks.confirmations[row] = 0
         lose_sight(marks, table.refusals, row)
         return code, value
-    if marks.has_state[row] and code != SHAPE:
-        _widen_broken_bounds(handle, accepted, row, sample)
-    if code == TOO_FAST:
+    breaks, stamp = table.breaks, sample.stamp[0]
+    late = not stamp > accepted.stamp[row]
+    if code != SHAPE:
+        _note_break(handle, row, sample)
+    is_undecided = breaks.further[row] > 0 and code != SHAPE
+    is_believable = value <= sample.speed[0] + sample.velocity_error[0]
+    if code == TOO_FAST and not (is_undecided or is_believable):
+        # Nothing says that a body moved so.
         marks.confirmations[row] = 0
-        sample.speed[0] = max(sample.speed[0], BROKEN_FACTOR * value)
-        _let_stand(handle, row, sample)
+        if value <= table.body_limits[0]:
+            count_bounds(sample, 0.0, BROKEN_FACTOR * value)
+        let_stand(marks, table.refused, table.refusals, row, sample, 0)
         return code, value
+    accel, speed = sample.accel[0], sample.speed[0]
+    if is_undecided:
+        accel, speed = max(accel, breaks.accel[row]), max(speed, breaks.speed[row])
     # A candidate track grows by samples that follow its last one, and begins anew with others.
     known = marks.confirmations[row] > 0
-    follows = (
-        known and _agrees(candidates, row, sample, sample.accel[0], sample.speed[0]) == ALLOWED
-    )
-    stamp = sample.stamp[0]
-    late = not stamp > accepted.stamp[row]
+    follows = known and _agrees(candidates, row, sample, accel, speed) == ALLOWED
+    is_next = bool(0)
     if follows and stamp > candidates.stamp[row]:
         marks.confirmations[row] += 1
-        copy_state(sample, 0, candidates, row)
+        is_next = True
     elif not follows and not (known and late):
         # A late message must not hide a track that is about to be confirmed.
         marks.confirmations[row] = 1
-        copy_state(sample, 0, candidates, row)
+        is_next = True
     # What a fault shows: how far the sample is off the accepted state.
     if code == VELOCITY_BY_ACCEL:
         value = _largest_step(accepted.velocities[row], sample.velocities[0], sample.point_count[0])
     elif code == SHAPE:
         value = float(sample.point_count[0])
-    else:
+    elif code != TOO_FAST:
         value = _largest_step(accepted.points[row], sample.points[0], sample.point_count[0])
     if marks.confirmations[row] >= CONFIRMING_SAMPLES and not late:
         # What was believed until now may be true all the same.
-        set_state_aside(accepted, row, marks, table.refused, table.refusals)
+        _drop_rejoined(handle, row, sample, accel, speed)
+        let_stand(marks, table.refused, table.refusals, row, accepted, row)
         return TRACK_CHANGED, value
-    _let_stand(handle, row, sample)
+    let_stand(marks, table.refused, table.refusals, row, sample, 0)
+    if is_undecided:
+        count_bounds(sample, accel, speed)
+    if is_next:
+        copy_state(sample, 0, candidates, row)
+    if is_undecided and is_next:
+        # The sample as that of a body that breaks its bounds, in place of the one before it.
+        let_undecided_stand(marks, table.refused, table.refusals, row, sample)
     return code, value
 
 
@@ -511,7 +545,7 @@ def take_samples(
     table, data = handle.content, message.content
     points_each, stamp, extent, frame, is_velocity_known = head[:5]
     each, common_radius, common_accel, common_speed, position_error, velocity_error = head[5:]
-    accepted, marks, told = table.accepted, table.marks, table.told
+    accepted, marks, told, breaks = table.accepted, table.marks, table.told, table.breaks
     changed_rows, reference_states = table.changed_rows, table.reference_states
     count = rows.shape[0]
     # One after the other they are copied to where all rules read them, and moved to the world.
@@ -549,8 +583,10 @@ def take_samples(
             _move_to_world(sample, data.frames, frame)
             sample.position_error[0] += data.frames.position_error[frame]
         # Read: values that cannot be used at all, and errors below what numbers resolve.
-        stated_accel = sample.accel[0]
-        _count_broken_bounds(told, row, sample)
+        stated_accel, stated_speed = sample.accel[0], sample.speed[0]
+        if stamp <= breaks.until[row]:
+            breaks.stated_accel[row], breaks.stated_speed[row] = stated_accel, stated_speed
+            count_bounds(sample, breaks.moved_accel[row], breaks.moved_speed[row])
         code, value = TAKEN, 0.0
         if not _is_flawless(sample, not is_velocity_known, extent):
             code, value = _find_flaw(sample, not is_velocity_known, extent)
@@ -559,9 +595,9 @@ def take_samples(
             sample.velocity_error[0] = max(sample.velocity_error[0], RESOLUTION)
             radius, speed = sample.radius[0], sample.speed[0]
             follow_spread(table.spreads, row, Record(sample, 0, radius, stated_accel, speed))
-        # Gate: does it agree with the accepted state, by all bounds that were told lately? Where
-        # these are its own, what it says more exactly holds beside the sample.
-        is_vaguer = bool(0)
+        # Gate: does it agree with the accepted state, by all bounds that were told lately? By these
+        # what that says more exactly holds beside the sample.
+        is_vaguer, between = bool(0), math.inf
         if code == TAKEN and marks.has_state[row]:
             told_accel = max(told.accel[row], told.accel_before[row])
             told_speed = max(told.speed[row], told.speed_before[row])
@@ -574,10 +610,18 @@ def take_samples(
                 code = _agrees(accepted, row, sample, told_accel, told_speed)
                 if code == ALLOWED and not stamp > accepted.stamp[row]:
                     code = LATE
-            is_vaguer = (accel == accepted.accel[row] and speed == accepted.speed[row]) and (
+            is_vaguer = (
                 sample.velocity_error[0] > accepted.velocity_error[row]
                 or sample.position_error[0] > accepted.position_error[row]
             )
+            between = max(accel, sample.accel[0])
+        if (
+            breaks.further[row] > 0
+            and stamp > breaks.latest[row]
+            and (code < SHAPE or code == TOO_FAST)
+            and breaks.point_index[row] < points_each
+        ):
+            _decide_break(handle, row, sample)
         if code != TAKEN:
             code, value = _make_exception(handle, row, sample, code, value)
             if has_new_region:
@@ -592,8 +636,10 @@ def take_samples(
         # The row has changed, unless its reference state allows for what was told: the sample
         # itself, not what the accepted state makes of a vaguer one.
         allowed, grown = allows_reference_state(sample, reference_states, 0, row)
+        if marks.refused[row]:
+            _drop_rejoined(handle, row, sample, stated_accel, stated_speed)
         if allowed and is_vaguer:
-            _keep_surer(sample, accepted, row)
+            _keep_surer(sample, accepted, row, between)
         # Write: what agrees replaces the accepted state.
         _write(accepted, row, sample)
         marks.has_state[row] = True
@@ -604,10 +650,10 @@ def take_samples(
         # that rests on is set aside once; it stands until the change has been read.
         if (
             not allowed
-            and not _widen_broken_bounds(handle, reference_states, row, sample)
+            and not _count_slow_break(handle, row, sample)
             and not changed_rows.is_changed[row]
         ):
-            set_state_aside(reference_states, row, marks, table.refused, table.refusals)
+            let_stand(marks, table.refused, table.refusals, row, reference_states, row)
         _remember_bounds(told, row, sample)
         if grown or not allowed or has_new_region:
             note_row(changed_rows, row)

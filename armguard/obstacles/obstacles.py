@@ -41,6 +41,7 @@ from armguard.obstacles.arguments import (
     read_time,
     show,
 )
+from armguard.obstacles.broken_bounds import BODY_LIMITS, MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.clouds import (
     CloudReader,
     check_names,
@@ -104,6 +105,8 @@ class ObstacleSettings(NamedTuple):
     """Pattern of ids, acceleration and speed."""
     regions: dict[str, str]
     """Region of a body by pattern of ids."""
+    body_limits: tuple[float, float]
+    """What no part of a body does, by speed in [m]/[s] and by acceleration in [m]/[s]²."""
 
 
 class ObstacleCountError(ObstacleError):
@@ -127,6 +130,7 @@ class Obstacles(ObstacleRegister):
         extent: float = 100.0,
         bounds: Iterable[tuple[str, float, float]] = (),
         regions: Mapping[str, str] | None = None,
+        body_limits: tuple[float, float] = BODY_LIMITS,
     ) -> None:
         """Makes an empty table.
 
@@ -151,9 +155,13 @@ class Obstacles(ObstacleRegister):
             regions: By pattern of ids, as in `fnmatch`, which region of a body those ids are, one
                 of `armguard.body_regions`; for contact limits. An id that several patterns fit, or
                 whose message states another region, has the strictest of their limits.
+            body_limits: What no part of a body does, by speed in [m]/[s] and by acceleration in
+                [m]/[s]^2. A sample beyond them is an error of measurement, one within them may be
+                of a body that broke its bounds (docs/people.md). Where larger bounds are stated of
+                an obstacle, those count instead.
 
         Raises:
-            ObstacleError: A bound, a pattern, a region, the extent, a source or a frame is
+            ObstacleError: A bound, a limit, a pattern, a region, the extent, a source or a frame is
                 malformed.
         """
         super().__init__(() if sources is None else sources)
@@ -163,6 +171,14 @@ class Obstacles(ObstacleRegister):
         self.regions = PatternRegions(regions)
         """Of obstacles, beside what their messages state."""
         self._extent = read_bound("extent", extent, math.inf, "m")
+        try:
+            most_speed, most_accel = body_limits
+        except (TypeError, ValueError):
+            raise ObstacleError(
+                "body_limits", f"is {show(body_limits)}", expected="a speed and an acceleration"
+            ) from None
+        self.table.body_limits[0] = read_bound("body_limits", most_speed, math.inf, "m/s")
+        self.table.body_limits[1] = read_bound("body_limits", most_accel, math.inf, "m/s²")
         for name, place in (frames or {}).items():
             if not isinstance(name, str) or not name:
                 raise ObstacleError("frames", f"holds {show(name)}", expected="names")
@@ -215,6 +231,7 @@ class Obstacles(ObstacleRegister):
             self._extent,
             self.bounds.patterns,
             self.regions.patterns,
+            (float(self.table.body_limits[0]), float(self.table.body_limits[1])),
         )
 
     def _bind(self) -> None:
@@ -745,8 +762,8 @@ class Obstacles(ObstacleRegister):
             known_accel, known_speed = self.bounds.find([name])
             rate = float(np.max(known_accel)) if accel is None else accel
             pace = float(np.max(known_speed)) if speed is None else speed
-            rate = read_bound("accel", rate, rule.MAXIMUM_ACCEL, "m/s²")
-            pace = read_bound("speed", pace, rule.MAXIMUM_SPEED, "m/s")
+            rate = read_bound("accel", rate, MAXIMUM_ACCEL, "m/s²")
+            pace = read_bound("speed", pace, MAXIMUM_SPEED, "m/s")
             if not 0.0 < pace < math.inf:
                 raise ObstacleError(
                     f"entrance {name!r}",
@@ -936,7 +953,7 @@ class Obstacles(ObstacleRegister):
             return
         table, rows = self.table, np.array(list(self._newcomers), dtype=np.int64)
         with np.errstate(all="ignore"):  # what overflows is too far
-            reach = np.minimum(table.speed[rows], rule.MAXIMUM_SPEED) * (now - table.stamp[rows])
+            reach = np.minimum(table.speed[rows], MAXIMUM_SPEED) * (now - table.stamp[rows])
         is_believable = table.has_state[rows] & (reach <= self._extent)
         self._unbelieved.difference_update(rows[is_believable].tolist())
         self._unbelieved.update(rows[~is_believable].tolist())

@@ -1,7 +1,9 @@
 """By whose state an obstacle is judged beside its own, where it is tethered.
 
 A tether proves nothing through a *partner* of which it is not clear where it is: one without an
-accepted state, one of which a refused state may be true as well, or what stands still for ever. A
+accepted state, one of which a refused state may be true as well, or what stands still for ever.
+Nor does one that contact limits permit the arm to touch: a part that the arm has pushed need not
+keep to its bounds, and where it goes then the other one may follow. A
 partner that is not seen any more grows with its age, as it does by itself; one that has broken its
 bounds counts with the wider ones. Nothing is proved of an obstacle that could be anywhere: then its
 radius is not known either.
@@ -18,6 +20,7 @@ from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import is_known, possible_states, state_at
+from armguard.obstacles.regions import RegionLimits, strictest_limit
 from armguard.obstacles.table import Marks, States
 from armguard.obstacles.tethers import TIED, Tethers
 
@@ -80,6 +83,7 @@ def find_partner(
     accepted: States,
     refused: States,
     marks: Marks,
+    limits: RegionLimits,
     row: int,
     now: float,
     horizon: float,
@@ -95,6 +99,7 @@ def find_partner(
         accepted: Accepted states.
         refused: Refused ones.
         marks: What is known of each row.
+        limits: What contact is permitted.
         row: Of the obstacle.
         now: Time of the tick on the obstacles' clock, in [s].
         horizon: How far ahead it matters, in [s].
@@ -116,6 +121,8 @@ def find_partner(
         number = tethers.of_row[row, k]
         partner = tethers.rows[number, 0] + tethers.rows[number, 1] - row
         if tethers.is_broken[number] or not is_confirmed(marks, partner):
+            continue
+        if strictest_limit(limits, marks.regions[partner]).max_speed > 0.0:
             continue
         grown = (tethers.length[number] + radius) * (1.0 + SUM_ROUNDING)
         age = now - accepted.stamp[partner]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ObstacleError
-from armguard.obstacles.acceptance import MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.arguments import read_bound, show
+from armguard.obstacles.broken_bounds import MAXIMUM_ACCEL, MAXIMUM_SPEED
 
 _REMEMBERED = 4096
 """Ids of which the bounds are remembered; all are forgotten once there are more."""

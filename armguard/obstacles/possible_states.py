@@ -18,6 +18,14 @@ from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import MOST_REFUSED, Marks, Refusals, States, copy_state, note_row
 
+COVERING = 3.0
+"""So many times its own errors a sample may make those of a refused state while there is room for
+another one beside it."""
+
+GROWTH, MOST_GROWTH = 4.0, 1e12
+"""Factor by which that rises, again and again, where there is no room; and how far. The smallest
+errors are then beyond the extent of any table."""
+
 
 @kernel
 def possible_states(marks: Marks, row: int) -> range:
@@ -95,12 +103,7 @@ def forget_expired(handle: Any, now: float, lasting: float) -> bool:
             place = row * MOST_REFUSED + number
             refusals.until[place] = min(refusals.until[place], latest)
             if marks.has_state[row] and not now <= refusals.until[place]:
-                # The last one takes its place.
-                marks.refused_count[row] -= 1
-                last = row * MOST_REFUSED + marks.refused_count[row]
-                copy_state(refused, last, refused, place)
-                refusals.until[place] = refusals.until[last]
-                refusals.covers_from[place] = refusals.covers_from[last]
+                drop_state(marks, refused, refusals, row, place)
                 continue
             ahead = refusals.covers_from[place] - now
             if ahead > 0.0:
@@ -116,6 +119,28 @@ def forget_expired(handle: Any, now: float, lasting: float) -> bool:
 
 
 @kernel
+def drop_state(marks: Marks, refused: States, refusals: Refusals, row: int, place: int) -> None:
+    """Give up one refused state of a row; the last one takes its place."""
+    marks.refused_count[row] -= 1
+    marks.refused[row] = marks.unknown[row] or marks.refused_count[row] > 0
+    last = row * MOST_REFUSED + marks.refused_count[row]
+    copy_state(refused, last, refused, place)
+    refusals.until[place] = refusals.until[last]
+    refusals.covers_from[place] = refusals.covers_from[last]
+    refusals.is_undecided[place] = refusals.is_undecided[last]
+
+
+@kernel
+def drop_undecided(marks: Marks, refused: States, refusals: Refusals, row: int) -> bool:
+    """Give up what stands for a body that may have broken its bounds; whether something did."""
+    for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
+        if refusals.is_undecided[place]:
+            drop_state(marks, refused, refusals, row, place)
+            return True
+    return False
+
+
+@kernel
 def find_place(marks: Marks, refusals: Refusals, row: int) -> int:
     """Place for another refused state of a row; -1 where there is none: it could be anywhere."""
     marks.refused[row] = True
@@ -126,6 +151,7 @@ def find_place(marks: Marks, refusals: Refusals, row: int) -> int:
     marks.refused_count[row] += 1
     refusals.until[place] = np.inf
     refusals.covers_from[place] = -np.inf
+    refusals.is_undecided[place] = False
     return place
 
 
@@ -137,13 +163,51 @@ def lose_sight(marks: Marks, refusals: Refusals, row: int) -> None:
 
 
 @kernel
-def set_state_aside(
-    states: States, row: int, marks: Marks, refused: States, refusals: Refusals
+def let_stand(
+    marks: Marks, refused: States, refusals: Refusals, row: int, states: States, at: int
 ) -> None:
-    """Let a state of a row that was believed stand beside its accepted one, or in place of it."""
+    """Let a state of a row be possible: in a place of its own, or within the bounds of another.
+
+    Where there is no place left, the one that needs the least for it grows until it covers both.
+
+    Args:
+        marks: Written, as the next two are.
+        refused: Refused states.
+        refusals: What is kept of them.
+        row: Of the body.
+        states: Where the state stands.
+        at: Its place there.
+    """
+    record = Record(states, at, states.radius[at], states.accel[at], states.speed[at])
+    is_full = marks.refused_count[row] >= MOST_REFUSED
+    most = COVERING
+    while most <= MOST_GROWTH:
+        for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
+            if not refusals.is_undecided[place] and widen_to_cover(refused, place, record, most):
+                # As long as if it had come now.
+                refusals.until[place] = np.inf
+                refusals.covers_from[place] = max(refusals.covers_from[place], states.stamp[at])
+                return
+        if not is_full:
+            break
+        most *= GROWTH
     place = find_place(marks, refusals, row)
     if place >= 0:
-        copy_state(states, row, refused, place)
+        copy_state(states, at, refused, place)
+
+
+@kernel
+def let_undecided_stand(
+    marks: Marks, refused: States, refusals: Refusals, row: int, sample: States
+) -> None:
+    """Let a sample be possible with wider bounds, in place of the one before it that was so."""
+    drop_undecided(marks, refused, refusals, row)
+    if marks.refused_count[row] >= MOST_REFUSED:
+        let_stand(marks, refused, refusals, row, sample, 0)
+        return
+    place = find_place(marks, refusals, row)
+    copy_state(sample, 0, refused, place)
+    refusals.is_undecided[place] = True
 
 
 @kernel
@@ -153,7 +217,7 @@ def distrust(handle: Any, row: int) -> None:
     marks = table.marks
     if not marks.has_state[row] or marks.static[row]:
         return
-    set_state_aside(table.accepted, row, marks, table.refused, table.refusals)
+    let_stand(marks, table.refused, table.refusals, row, table.accepted, row)
     marks.has_state[row] = False
     marks.confirmations[row] = 0
     marks.revision[row] += 1
@@ -161,7 +225,7 @@ def distrust(handle: Any, row: int) -> None:
 
 
 @kernel
-def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
+def widen_to_cover(refused: States, place: int, sample: Record, most: float) -> bool:
     """Widen a refused state until it covers a later sample's future too; whether that was done.
 
     Its future begins at its stamp; see `forget_expired` for the time before.
@@ -171,13 +235,13 @@ def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
     along it, within its error. So the state covers all that can become of the sample if, with h the
     time between them, |v1 - v0| + dv1 <= A h + dv0 and |x1 - x0 - v0 h| + dp1 + loss <= dv0 h +
     A h²/2 + dp0, where `loss` is the greatest of what is lost to the top speed. Its errors grow to
-    what that needs, but only up to three times the sample's own: two samples of one track, measured
-    with these errors, never need more, and a state that grew without end would be everywhere.
+    what that needs, but only up to some multiple of the sample's own.
 
     Args:
         refused: Refused states; written.
         place: Of the state.
         sample: The sample; its bound on speed is the one that holds, whatever was measured.
+        most: That multiple. Two samples of one track never need more than `COVERING`.
     """
     states, row, radius, accel, speed = sample
     count, stamp = states.point_count[row], states.stamp[row]
@@ -227,8 +291,8 @@ def widen_to_cover(refused: States, place: int, sample: Record) -> bool:
             needed = math.sqrt(stray) + position_error + lost - reach
         error = max(error, needed + SUM_ROUNDING * (length + abs(needed)))
     if not (
-        error <= max(refused.position_error[place], 3.0 * position_error)
-        and rate_error <= max(refused.velocity_error[place], 3.0 * velocity_error)
+        error <= max(refused.position_error[place], most * position_error)
+        and rate_error <= max(refused.velocity_error[place], most * velocity_error)
     ):
         return False
     refused.position_error[place] = error

@@ -406,8 +406,10 @@ class ObstacleRegister:
         self._unplaced.discard(name, owner)
         self.ids.extend([""] * (len(self.table.alive) - len(self.ids)))
         self.ids[row] = name
-        # Of one person are obstacles of one source whose ids are alike up to the last "/".
-        self.table.marks.person[row] = hash((owner, name.rpartition("/")[0]))
+        # Of one person are obstacles of one source whose ids are alike up to the last "/". An id
+        # without one says of no other obstacle that it is the same person's.
+        person, _, _ = name.rpartition("/")
+        self.table.marks.person[row] = hash((owner, person or (name,)))
         self._rows_of(owner)[name] = row
         self._added.add(row)
         self.has_new_tethers = self.has_new_tethers or name in self._tethered

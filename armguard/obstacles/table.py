@@ -17,6 +17,7 @@ from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel, merged_kernel
 from armguard.jit.layout import make_records
+from armguard.obstacles.broken_bounds import BODY_LIMITS, Breaks, make_breaks
 from armguard.obstacles.spread import Spreads, forget_spread, make_spreads, resize_spreads
 from armguard.obstacles.tethers import make_tethers, resize_tethers
 
@@ -95,6 +96,8 @@ class Refusals(NamedTuple):
     """Of each refused state, [s]. Shape (rows × MOST_REFUSED,)."""
     covers_from: FloatArray
     """From when on a refused state covers all samples in its place, [s]; -inf: always. Alike."""
+    is_undecided: BoolArray
+    """Whether a state is of a body that may have broken its bounds. Alike."""
     unknown_until: FloatArray
     """Of what cannot be reckoned with, [s]. Shape (rows,)."""
 
@@ -112,12 +115,6 @@ class Told(NamedTuple):
     """In the time of equal length before, [m/s]. Shape (rows,)."""
     since: FloatArray
     """Stamp of a sample, [s]. Shape (rows,)."""
-    broken_accel: FloatArray
-    """What counts since a bound was broken, [m/s²]. Shape (rows,)."""
-    broken_speed: FloatArray
-    """What counts since a bound was broken, [m/s]. Shape (rows,)."""
-    broken_until: FloatArray
-    """Up to which stamp they count, [s]; -inf: no bound was broken. Shape (rows,)."""
 
 
 class ChangedRows(NamedTuple):
@@ -143,6 +140,9 @@ class Rows(NamedTuple):
     marks: Marks
     refusals: Refusals
     told: Told
+    breaks: Breaks
+    body_limits: FloatArray
+    """What no body does, by speed in [m/s] and by acceleration in [m/s²]. Shape (2,)."""
     changed_rows: ChangedRows
     reference_states: States
     """States that certificates rest on; without points where there are none."""
@@ -183,14 +183,16 @@ class ObstacleTable:
     handle: Any
 
     def __init__(self, capacity: int = 64) -> None:
+        self.body_limits = np.array(BODY_LIMITS)
         self._free: list[int] = []
         nothing = np.zeros(0, dtype=np.int64)
         self.changed_rows = ChangedRows(
             nothing, np.zeros(0, dtype=bool), np.zeros(1, dtype=np.int64)
         )
         self.marks = Marks(*([np.zeros(0, dtype=bool)] * 6), *([np.zeros(0, dtype=np.int64)] * 6))
-        self.refusals = Refusals(*([np.zeros(0)] * 3))
-        self._told = Told(*([np.zeros(0)] * 8))
+        self.refusals = Refusals(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), np.zeros(0))
+        self._told = Told(*([np.zeros(0)] * 5))
+        self.breaks = make_breaks()
         self.accepted = make_states(0)
         self.reference_states = make_states(0)
         """States that certificates rest on; without points where there are none."""
@@ -229,7 +231,8 @@ class ObstacleTable:
         self.owner[row] = owner
         forget_spread(self.spreads, row)
         self.confirmations[row] = self.refused_count[row] = self.regions[row] = 0
-        self._told.since[row] = self._told.broken_until[row] = -np.inf
+        self._told.since[row] = self.breaks.until[row] = -np.inf
+        self.breaks.further[row] = 0
         self.point_count[row] = 1
         self.reference_states.point_count[row] = 0
         self.revision[row] += 1
@@ -290,9 +293,11 @@ class ObstacleTable:
         self._free.extend(range(capacity - 1, first - 1, -1))
         self.marks = Marks(*(extend_rows(array, capacity) for array in self.marks))
         self._told = Told(*(extend_rows(array, capacity) for array in self._told))
+        self.breaks = Breaks(*(extend_rows(array, capacity) for array in self.breaks))
         self.refusals = Refusals(
             extend_rows(self.refusals.until, capacity * MOST_REFUSED),
             extend_rows(self.refusals.covers_from, capacity * MOST_REFUSED),
+            extend_rows(self.refusals.is_undecided, capacity * MOST_REFUSED),
             extend_rows(self.refusals.unknown_until, capacity),
         )
         changed, is_changed, changed_count = self.changed_rows
@@ -324,6 +329,8 @@ class ObstacleTable:
                 self.marks,
                 self.refusals,
                 self._told,
+                self.breaks,
+                self.body_limits,
                 self.changed_rows,
                 self.reference_states,
                 self.spreads,

@@ -73,7 +73,7 @@ from armguard.bounds.sums import (
 from armguard.exceptions import ArmguardError, ObstacleError
 from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.obstacles.acceptance import MAXIMUM_ACCEL, MAXIMUM_SPEED
+from armguard.obstacles.broken_bounds import MAXIMUM_ACCEL, MAXIMUM_SPEED
 from armguard.obstacles.obstacles import Obstacles
 from armguard.pairs.shared_plan import SharedPlan, read_shared_plan
 from armguard.robot.kinematics import Kinematics

@@ -11,54 +11,40 @@ What a link can clamp a part against:
 - Another link of the arm, as far as joints between the two can move. Of two links that share a
   joint those spheres count whose distance can vary by more than the part is thick, as in an elbow
   that folds.
+- What of the arm no joint moves, its base: balls stand for that.
 
-Whatever is uncertain counts as near. The way between two links is bounded by levers: their distance
-depends on the joints between them alone, and by a radian of one of these it changes by no more than
-a point of the link that this joint moves can be away from its axis.
+Whatever is uncertain counts as near. How a gap between two links closes, `closing` bounds joint by
+joint. What is pressed may slip from one link to another, so what counts in each step is the gap
+that closes most in it.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.closing import fill_arms, find_approach
 from armguard.bounds.free_body import free_displacement, length_above, top_speed
+from armguard.bounds.joint_box import JointBox
 from armguard.bounds.joint_table import JointTable, set_span
-from armguard.bounds.link_gaps import LinkGaps
 from armguard.bounds.surface_speed import set_joints, way_from
 from armguard.bounds.table_time import ArmSphere
 from armguard.contact.gjk import distance_to_hull
-from armguard.jit.arrays import BoolArray, FloatArray, IntArray
+from armguard.jit.arrays import BoolArray, FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.obstacles.regions import NO_REGION
+from armguard.obstacles.regions import NO_REGION, ContactLimit
 from armguard.obstacles.table import Marks, States
-from armguard.robot.kinematics import ArmPlacement, SphereTree
-
-MOST_NEAR = 32
-"""Obstacles near one link that are looked at one by one; more of them count as one that is near."""
-
-
-class ClampRoom(NamedTuple):
-    """Room to work in."""
-
-    weight: FloatArray
-    """By how much a gap between links closes at most with a joint, in [m]. Shape (nv,)."""
-    near: IntArray
-    """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
-
-
-def make_room(joints: int) -> ClampRoom:
-    """Room for an arm with so many joints."""
-    return ClampRoom(np.zeros(joints), np.zeros(MOST_NEAR, dtype=np.int64))
+from armguard.pairs.scene import Scene, sphere_of
 
 
 class Clamp(NamedTuple):
     """What a sphere of the arm can clamp a body part against."""
 
-    by_link: bool
-    """Whether against another link; `ClampRoom.weight` says how the gap closes."""
+    links: int
+    """Against so many parts of other links; `ClampRoom.closing` says how gaps close."""
     by_obstacle: bool
     """Whether against an obstacle."""
     obstacle_speed: float
@@ -121,163 +107,244 @@ def is_obstacle_near(
 
 @kernel
 def find_near_obstacles(
-    centers: FloatArray,
-    lever: FloatArray,
-    tree: SphereTree,
-    room: ClampRoom,
+    scene: Scene,
     link: int,
+    row: int,
     table: JointTable,
     last: int,
-    bodies: States,
-    references: States,
-    marks: Marks,
-    row: int,
     now: float,
-    gap: float,
+    limit: ContactLimit,
 ) -> int:
-    """Fill `room.near` with the obstacles that a link can clamp a row against; how many there are.
+    """List the obstacles that a link can clamp a row against, until a node's time; how many.
 
-    More than fit in are counted, but not filled in.
+    `clamp_room.near` is filled with them. More than fit in are counted, but not filled in.
 
     Args:
-        centers: Of the arm's spheres, in [m]. Shape (n, 3).
-        lever: Of the arm's spheres, in [m]. Shape (n, nv).
-        tree: Of the spheres.
-        room: Written.
+        scene: The tick.
         link: Of the arm.
+        row: The one that may be touched.
         table: Where joints can be.
         last: Number of the node until whose time it is asked, above 0.
-        bodies: Accepted states of obstacles.
-        references: States of obstacles that all later ones are compared with.
-        marks: What is known of obstacles.
-        row: The one that may be touched.
         now: Time of the tick on the obstacles' clock, in [s].
-        gap: How near is near, in [m].
+        limit: Of the row: how near is near.
     """
+    tree, marks, near = scene.tree, scene.marks, scene.clamp_room.near
     node = tree.root[link]
+    center = scene.arm.centers[node]
     set_span(table, 0, last, 1.0)
-    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    gap = limit.gap + scene.settings.margin
+    reach = tree.radius[node] + gap + _reach(scene.arm.lever, node, table)
     count = 0
     for other in range(marks.alive.shape[0]):
         if not marks.alive[other] or other == row or is_same_person(marks, row, other):
             continue
         # One that stands still is where it is: it has no reference state while nobody watches it.
-        states = bodies if marks.static[other] else references
-        is_near, _ = is_obstacle_near(
-            centers[node], reach, states, marks, other, now, table.time[last]
-        )
+        states = scene.bodies if marks.static[other] else scene.references
+        is_near, _ = is_obstacle_near(center, reach, states, marks, other, now, table.time[last])
         if is_near:
-            if count < room.near.shape[0]:
-                room.near[count] = other
+            if count < near.shape[0]:
+                near[count] = other
             count += 1
     return count
 
 
 @kernel
+def _find_most(scene: Scene, box: JointBox) -> float:
+    """By how much any two spheres of the arm come nearer at most in a box, in [m]."""
+    weight, most = scene.link_gaps.weight, 0.0
+    for j in range(weight.shape[0]):
+        most += weight[j] * (box.span[2, j] + box.position_error[j])
+    return most * (1.0 + SUM_ROUNDING)
+
+
+@kernel
+def _count_parts(scene: Scene) -> int:
+    """How many spheres stand for links, and balls for the base."""
+    count: int = scene.link_gaps.parts.shape[0] + scene.link_gaps.base.shape[0]
+    return count
+
+
+@kernel
+def _find_part(scene: Scene, sphere: ArmSphere, c: int) -> tuple[ArmSphere, float, BoolArray]:
+    """A sphere that stands for a link, or after those a ball for the base; its radius; what moves.
+
+    The base has no levers, nor are any asked for: no joint moves it.
+    """
+    placement, gaps = scene.placement, scene.link_gaps
+    parts = gaps.parts.shape[0]
+    if c < parts:
+        part = gaps.parts[c]
+        moves = placement.moves[placement.joint[part]]
+        return sphere_of(scene, part), scene.tree.radius[part], moves
+    ball = gaps.base[c - parts]
+    place = ball[0], ball[1], ball[2]
+    base = ArmSphere(*place, sphere.jacobian, sphere.lever, sphere.slope_error)
+    return base, ball[3], placement.moves[0]
+
+
+@kernel
+def _find_room(sphere: ArmSphere, other: ArmSphere, reach: float) -> float:
+    """How much farther than so far two centres are apart, in [m], rounded down."""
+    dx, dy, dz = other.x - sphere.x, other.y - sphere.y, other.z - sphere.z
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
+    room: float = distance - reach
+    return room - SUM_ROUNDING * (abs(sphere.x) + abs(sphere.y) + abs(sphere.z))
+
+
+@kernel
+def _is_part_near(
+    scene: Scene, sphere: ArmSphere, node: int, c: int, table: JointTable, most: float, gap: float
+) -> bool:
+    """Whether what stands for a link or the base can come near a sphere.
+
+    Then `clamp_room.pair` is filled.
+
+    Args:
+        scene: The tick.
+        sphere: The sphere.
+        node: Its number.
+        c: Which of the parts, and after them of the base's balls.
+        table: Where joints can be.
+        most: By how much any two spheres come nearer there, in [m].
+        gap: How near is near, in [m].
+    """
+    placement, pair, radius = scene.placement, scene.clamp_room.pair, scene.tree.radius[node]
+    other, other_radius, theirs = _find_part(scene, sphere, c)
+    room = _find_room(sphere, other, radius + other_radius + gap)
+    if room > most:
+        return False
+    mine, box = placement.moves[placement.joint[node]], table.box
+    # Most that are left are away by levers already, which are there.
+    closes = 0.0
+    for j in range(mine.shape[0]):
+        if mine[j] != theirs[j]:
+            arm = sphere.lever[j] if mine[j] else other.lever[j]
+            if box.turning[j]:
+                arm += radius if mine[j] else other_radius
+            closes += arm * (box.span[2, j] + box.position_error[j])
+    if room > closes * (1.0 + SUM_ROUNDING):
+        return False
+    fill_arms(sphere, radius, mine, other, other_radius, theirs, box, pair)
+    return not room > find_approach(pair, table.box)
+
+
+@kernel
+def _may_clamp(scene: Scene, node: int, c: int, limit: ContactLimit) -> bool:
+    """Whether the distance of a sphere from a part, or from the base, can vary by enough."""
+    gaps = scene.link_gaps
+    if c >= gaps.parts.shape[0]:
+        return True
+    varies: bool = gaps.variation[node, c] > limit.thickness
+    return varies
+
+
+@kernel
+def can_links_clamp(
+    scene: Scene, node: int, table: JointTable, last: int, limit: ContactLimit
+) -> bool:
+    """Whether a sphere can clamp a body part against another link, until a node's time.
+
+    Arguments as for `find_clamp`.
+    """
+    gap, radius = limit.gap + scene.settings.margin, scene.tree.radius[node]
+    sphere, count = sphere_of(scene, node), _count_parts(scene)
+    # Most links have another one near now, and the same as before.
+    nearest = scene.clamp_room.nearest
+    for k in range(count):
+        c = (nearest[node] + k) % count
+        other, other_radius, _ = _find_part(scene, sphere, c)
+        room = _find_room(sphere, other, radius + other_radius + gap)
+        if not room > 0.0 and _may_clamp(scene, node, c, limit):
+            nearest[node] = c
+            return True
+    set_span(table, 0, last, 1.0)
+    most = _find_most(scene, table.box)
+    for c in range(count):
+        if _may_clamp(scene, node, c, limit) and _is_part_near(
+            scene, sphere, node, c, table, most, gap
+        ):
+            return True
+    return False
+
+
+@kernel
 def find_clamp(
-    placement: ArmPlacement,
-    lever: FloatArray,
-    tree: SphereTree,
-    gaps: LinkGaps,
-    room: ClampRoom,
+    scene: Scene,
     node: int,
     table: JointTable,
     last: int,
-    bodies: States,
-    references: States,
-    marks: Marks,
     now: float,
     near_count: int,
-    gap: float,
-    thickness: float,
+    limit: ContactLimit,
 ) -> Clamp:
     """What a sphere of the arm can clamp a body part against, until a node's time.
 
+    `clamp_room.closing` is filled with how gaps between links close.
+
     Args:
-        placement: Of the arm.
-        lever: Of the arm's spheres, in [m]. Shape (n, nv).
-        tree: Of the spheres.
-        gaps: How distances between links can vary.
-        room: With what `find_near_obstacles` filled in; its weights are written.
+        scene: The tick.
         node: The sphere.
         table: Where joints can be.
         last: Number of the node until whose time it is asked, above 0.
-        bodies: As for `find_near_obstacles`.
-        references: As there.
-        marks: What is known of obstacles.
         now: Time of the tick on the obstacles' clock, in [s].
-        near_count: What `find_near_obstacles` returned.
-        gap: How near is near, in [m].
-        thickness: How thick the part is at the least, in [m].
+        near_count: What `find_near_obstacles` returned, whose list is read.
+        limit: Of the part: how near is near, and how thick it is.
     """
-    centers, weight = placement.centers, room.weight
+    tree, gaps, room = scene.tree, scene.link_gaps, scene.clamp_room
+    marks, gap = scene.marks, limit.gap + scene.settings.margin
     set_span(table, 0, last, 1.0)
-    size = table.box.span[2]
-    x, y, z = centers[node, 0], centers[node, 1], centers[node, 2]
-    joints = weight.shape[0]
-    weight[:] = 0.0
-    by_link = False
-    mine = placement.moves[placement.joint[node]]
-    for c in range(gaps.parts.shape[0]):
-        if gaps.variation[node, c] <= thickness:
-            continue
-        part = gaps.parts[c]
-        theirs = placement.moves[placement.joint[part]]
-        closes = 0.0
-        for j in range(joints):
-            if mine[j] != theirs[j]:
-                closes += _weight_of(lever, tree, table, node if mine[j] else part, j) * size[j]
-        dx, dy, dz = x - centers[part, 0], y - centers[part, 1], z - centers[part, 2]
-        distance = np.sqrt(dx * dx + dy * dy + dz * dz)
-        reach = tree.radius[node] + tree.radius[part] + gap + closes
-        for j in range(joints):
-            reach += (lever[node, j] + lever[part, j]) * table.box.position_error[j]
-        if distance > reach * (1.0 + SUM_ROUNDING) + SUM_ROUNDING * (abs(x) + abs(y) + abs(z)):
-            continue
-        by_link = True
-        for j in range(joints):
-            if mine[j] != theirs[j]:
-                one = _weight_of(lever, tree, table, node if mine[j] else part, j)
-                weight[j] = max(weight[j], one)
+    sphere, most = sphere_of(scene, node), _find_most(scene, table.box)
+    count = 0
+    for c in range(_count_parts(scene)):
+        if _may_clamp(scene, node, c, limit) and _is_part_near(
+            scene, sphere, node, c, table, most, gap
+        ):
+            for j in range(gaps.weight.shape[0]):
+                room.closing[count, 0, j] = room.pair.forth[j]
+                room.closing[count, 1, j] = room.pair.back[j]
+            count += 1
     if near_count > room.near.shape[0]:
-        return Clamp(by_link, True, np.inf)
+        return Clamp(count, True, np.inf)
     by_obstacle, fastest = False, 0.0
-    reach = tree.radius[node] + gap + _reach(lever, node, table)
+    center = scene.arm.centers[node]
+    reach = tree.radius[node] + gap + _reach(scene.arm.lever, node, table)
     for k in range(near_count):
         other = room.near[k]
-        states = bodies if marks.static[other] else references
+        states = scene.bodies if marks.static[other] else scene.references
         is_near, speed = is_obstacle_near(
-            centers[node], reach, states, marks, other, now, table.time[last]
+            center, reach, states, marks, other, now, table.time[last]
         )
         if is_near:
             by_obstacle = True
             fastest = max(fastest, speed)
-    return Clamp(by_link, by_obstacle, fastest)
+    return Clamp(count, by_obstacle, fastest)
 
 
 @kernel
-def _weight_of(lever: FloatArray, tree: SphereTree, table: JointTable, node: int, j: int) -> float:
-    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides."""
-    reach = lever[node, j]
-    if table.box.turning[j]:
-        reach += tree.radius[node]
-    return reach
-
-
-@kernel
-def _closing_way(table: JointTable, weight: FloatArray, node: int) -> float:
-    """By how much the gaps between links can still close from a node's time on, in [m]."""
-    last = table.time.shape[0] - 1
-    way = 0.0
-    for j in range(weight.shape[0]):
-        if not weight[j] > 0.0:
-            continue
-        travel = 0.0
-        for k in range(node, last):
-            pace = max(table.fastest[k, j], -table.slowest[k, j])
-            travel += pace * (table.time[k + 1] - table.time[k])
-        way += weight[j] * travel
-    return way * (1.0 + SUM_ROUNDING)
+def _find_closed_node(table: JointTable, closing: FloatArray, count: int, max_way: float) -> int:
+    """From which node on gaps between links close by no more than a way until the arm rests."""
+    way, node = 0.0, table.time.shape[0] - 1
+    while node > 0:
+        duration = (table.time[node] - table.time[node - 1]) * (1.0 + SUM_ROUNDING)
+        most = 0.0
+        for c in range(count):
+            rate = 0.0
+            for j in range(table.box.turning.shape[0]):
+                forth, back = closing[c, 0, j], closing[c, 1, j]
+                # What closes nothing may be as fast as it likes.
+                if forth > 0.0:
+                    forth *= table.fastest[node - 1, j]
+                if back > 0.0:
+                    back *= -table.slowest[node - 1, j]
+                # The greater of both; no number where either is none.
+                rate += 0.5 * (forth + back + abs(forth - back))
+            if not rate <= most:
+                most = rate
+        way += most * duration
+        if not way <= max_way:
+            break
+        node -= 1
+    return node
 
 
 @kernel
@@ -286,7 +353,7 @@ def find_short_way_node(
     radius: float,
     moves: BoolArray,
     table: JointTable,
-    weight: FloatArray,
+    closing: FloatArray,
     clamp: Clamp,
     max_way: float,
 ) -> int:
@@ -297,7 +364,7 @@ def find_short_way_node(
         radius: Its radius, in [m].
         moves: Which joints move it. Shape (nv,).
         table: Of an arm that brakes until it rests, with velocities.
-        weight: That of the room that `find_clamp` wrote. Shape (nv,).
+        closing: That of the room that `find_clamp` filled.
         clamp: What that returned.
         max_way: The way, in [m].
     """
@@ -305,18 +372,16 @@ def find_short_way_node(
     count = set_joints(sphere, moves, table.box)
     if not (count >= 0 and max_way > 0.0):
         return last
-    sooner, later = -1, last
+    first = _find_closed_node(table, closing, clamp.links, max_way)
+    if not clamp.by_obstacle:
+        return first
+    sooner, later = first - 1, last
     # Invariant: the way is short enough from `later` on, and not known to be from `sooner` on.
     while later - sooner > 1:
         middle = (sooner + later) // 2
-        is_short = True
-        if clamp.by_link:
-            is_short = _closing_way(table, weight, middle) <= max_way
-        if is_short and clamp.by_obstacle:
-            way = way_from(radius, count, table, middle)
-            way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
-            is_short = way <= max_way
-        if is_short:
+        way = way_from(radius, count, table, middle)
+        way += clamp.obstacle_speed * (table.time[last] - table.time[middle])
+        if way <= max_way:
             later = middle
         else:
             sooner = middle

@@ -3,6 +3,12 @@
 A camera that looks at the cell sees the arm as well. What is inside the arm's cover, grown by all
 that its place may be off by and by a shell, is taken for the arm; whatever else is there is not
 seen. That blind shell is the price, and `CloudFilter.blind_shell` says how thick it is.
+
+Cameras also measure points at the arm's edge too far away, somewhere between the arm and what is
+behind it. Such a point lies on a ray that passes the arm, or nearly so: through the grown cover. So
+with a `trail`, what lies on a ray no farther than that behind the grown cover is taken for the arm,
+too. Of what is not behind the arm itself, where the camera sees nothing anyway, that blinds a rim:
+as wide as the shell in the image, and as deep as the trail.
 """
 
 from __future__ import annotations
@@ -37,10 +43,13 @@ class CloudFilter:
         shell: Around the arm's cover, in [m], the error of the camera's points included.
         time_error: How far apart in time a joint state and a cloud may be, in [s]: the arm may have
             moved meanwhile, by its joints' velocity limits.
+        trail: How far behind the grown cover, along the ray, a point of the arm's edge may be
+            measured, in [m].
 
     Attributes:
         blind_shell: How far from the arm's cover a point may be taken for the arm's, at most, in
-            [m]: the shell, and what the arm's surface may be off by where it is most.
+            [m]: the shell, and what the arm's surface may be off by where it is most. Behind that,
+            seen from the camera, the trail begins.
 
     Raises:
         ArmguardError: A length or a time is none.
@@ -53,11 +62,13 @@ class CloudFilter:
         *,
         shell: float = SHELL,
         time_error: float = 0.0,
+        trail: float = 0.0,
     ) -> None:
-        for name, value in (("shell", shell), ("time_error", time_error)):
+        for name, value in (("shell", shell), ("time_error", time_error), ("trail", trail)):
             if not 0.0 <= value < math.inf:
                 raise ArmguardError(name, f"is {value!r}", expected="a finite number, at least 0")
         robot = copy.copy(robot)
+        self._trail = float(trail)
         self._model = robot.model
         self._data = robot.model.createData()
         self._base = pinocchio.SE3.Identity() if base_placement is None else base_placement
@@ -88,9 +99,15 @@ class CloudFilter:
             )
         )
         # Compiled here, so that the first cloud is like any other.
-        self.find_others(np.zeros((1, 3)), np.zeros(robot.model.nq))
+        self.find_others(np.zeros((1, 3)), np.zeros(robot.model.nq), origin=np.zeros(3))
 
-    def find_others(self, points: ArrayLike, q: ArrayLike, frame: Frame | None = None) -> BoolArray:
+    def find_others(
+        self,
+        points: ArrayLike,
+        q: ArrayLike,
+        frame: Frame | None = None,
+        origin: ArrayLike | None = None,
+    ) -> BoolArray:
         """Finds the points of a cloud that are not the arm's.
 
         Points that are not finite count as not the arm's: `update_cloud` leaves them out and says
@@ -100,14 +117,16 @@ class CloudFilter:
             points: In [m]. Shape (n, 3).
             q: Joint positions when the cloud was measured, in the order of `robot.joints`, in [rad]
                 or [m]. Shape (nv,).
-            frame: Of the points; None: the world.
+            frame: Of the points and the origin; None: the world.
+            origin: Where the rays begin, the camera's centre, in [m]; needed with a trail.
+                Shape (3,).
 
         Returns:
             Whether each is not the arm's, for `Obstacles.update_cloud(…, occupied=…)`. Shape (n,).
 
         Raises:
-            ArmguardError: Points or positions have another shape, or positions are not finite: then
-                it is not known where the arm is.
+            ArmguardError: Points, positions or origin have another shape, or positions or origin
+                are not finite: then it is not known where the arm or its edge is.
         """
         ends = np.ascontiguousarray(points, dtype=np.float64)
         if ends.ndim != 2 or ends.shape[1] != 3:
@@ -117,6 +136,13 @@ class CloudFilter:
             raise ArmguardError(
                 "q", f"is {position.tolist()}", expected=f"{self._model.nq} finite positions"
             )
+        begin = np.zeros(3)
+        if self._trail > 0.0:
+            begin = np.array([] if origin is None else origin, dtype=np.float64)
+            if begin.shape != (3,) or not np.isfinite(begin).all():
+                raise ArmguardError(
+                    "origin", f"is {begin.tolist()}", expected="3 finite numbers, with a trail"
+                )
         pinocchio.forwardKinematics(self._model, self._data, position)
         balls, centers = self._balls.copy(), []
         for link, (joint, leaves) in enumerate(zip(self._joints, self._leaves, strict=True)):
@@ -132,6 +158,8 @@ class CloudFilter:
             ends,
             rotation,
             translation,
+            rotation @ begin + translation,
+            self._trail,
             balls,
             self._first,
             np.concatenate(centers),
@@ -146,40 +174,59 @@ def _find_others(
     points: FloatArray,
     rotation: FloatArray,
     translation: FloatArray,
+    origin: FloatArray,
+    trail: float,
     balls: FloatArray,
     first: IntArray,
     centers: FloatArray,
     radius: FloatArray,
     others: BoolArray,
 ) -> None:
-    """Find the points that are in none of the arm's spheres.
+    """Find the points whose rays end in none of the arm's spheres, nor up to a trail behind one.
+
+    The last part of a ray, as long as the trail, is a segment. A point is the arm's where that
+    segment meets a sphere: where the sphere's centre is no farther from it than the radius.
 
     Args:
         points: In their frame, in [m]. Shape (n, 3).
         rotation: World from frame. Shape (3, 3).
         translation: Of the frame, in [m]. Shape (3,).
+        origin: Where the rays begin in the world, in [m]. Shape (3,).
+        trail: In [m].
         balls: Around all grown spheres of each link: centre and radius, in [m]. Shape (links, 4).
         first: First sphere of each link, and one more at the end. Shape (links + 1,).
         centers: Of the spheres, in [m]. Shape (m, 3).
         radius: Of the spheres, grown, in [m]. Shape (m,).
         others: Is filled. Shape (n,).
     """
-    place = np.empty(3)
+    place, back = np.empty(3), np.zeros(3)
     for i in range(points.shape[0]):
         for axis in range(3):
             place[axis] = translation[axis]
             for other in range(3):
                 place[axis] += rotation[axis, other] * points[i, other]
         x, y, z = place[0], place[1], place[2]
+        length = 0.0
+        if trail > 0.0:
+            # From the point back to the camera, no farther than to there.
+            for axis in range(3):
+                back[axis] = origin[axis] - place[axis]
+            away = math.sqrt(back[0] ** 2 + back[1] ** 2 + back[2] ** 2)
+            length = min(trail, away)
+            for axis in range(3):
+                back[axis] = back[axis] / away if away > 0.0 else 0.0
         is_own = False
         for link in range(balls.shape[0]):
             square = (x - balls[link, 0]) ** 2 + (y - balls[link, 1]) ** 2
             square += (z - balls[link, 2]) ** 2
-            if not square <= balls[link, 3] ** 2:
+            if not square <= (balls[link, 3] + length) ** 2:
                 continue
             for k in range(first[link], first[link + 1]):
-                square = (x - centers[k, 0]) ** 2 + (y - centers[k, 1]) ** 2
-                square += (z - centers[k, 2]) ** 2
+                dx, dy, dz = centers[k, 0] - x, centers[k, 1] - y, centers[k, 2] - z
+                along = dx * back[0] + dy * back[1] + dz * back[2]
+                along = max(0.0, min(length, along))
+                square = (dx - along * back[0]) ** 2 + (dy - along * back[1]) ** 2
+                square += (dz - along * back[2]) ** 2
                 if square <= radius[k] ** 2:
                     is_own = True
                     break

@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.joint_table import JointTable
 from armguard.bounds.surface_speed import find_harmless_node, harmless_time
 from armguard.bounds.table_time import (
-    ArmSphere,
     is_free_at_once,
     is_free_until,
     table_contact_time,
@@ -35,12 +33,12 @@ from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
 from armguard.obstacles.tethers import TIED
 from armguard.pairs.clamping import (
-    Clamp,
+    can_links_clamp,
     find_clamp,
     find_near_obstacles,
     find_short_way_node,
 )
-from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene
+from armguard.pairs.scene import ADVANCES, ISOTROPIC, JOINT, REACH, Scene, sphere_of
 
 REACH_ADVANCES = 2
 """Steps of conservative advancement against what stands still: the second is nearly always last."""
@@ -57,16 +55,6 @@ def hull_of(bodies: States, row: int, age: float) -> Hull:
     """A body with what holds it back; its age in [s]."""
     bounds = bounds_of(bodies, row, age)
     return Hull(bodies.points[row], bodies.velocities[row], bodies.point_count[row], bounds)
-
-
-@kernel
-def sphere_of(scene: Scene, node: int) -> ArmSphere:
-    """A sphere of the arm whose joints are bounded."""
-    arm = scene.arm
-    return ArmSphere(
-        arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
-        scene.placement.jacobian.T, arm.lever[node], arm.slope_error[node],
-    )  # fmt: skip
 
 
 class StatePlace(NamedTuple):
@@ -96,8 +84,8 @@ def partner_of(scene: Scene, row: int, now: float, horizon: float) -> Partner:
         # Else all these arrays would be handed over for nothing.
         return ALONE
     return find_partner(
-        scene.tethers, scene.bodies, scene.refused, scene.marks, row, now, horizon,
-        scene.arm.arm_ball,
+        scene.tethers, scene.bodies, scene.refused, scene.marks, scene.contact_limits,
+        row, now, horizon, scene.arm.arm_ball,
     )  # fmt: skip
 
 
@@ -393,35 +381,6 @@ def moves_of(scene: Scene, node: int) -> BoolArray:
 
 
 @kernel
-def find_near(
-    scene: Scene, link: int, row: int, table: JointTable, last: int, now: float, gap: float
-) -> int:
-    """List the obstacles that a link can clamp a row against, until a node's time; how many."""
-    return find_near_obstacles(
-        scene.arm.centers, scene.arm.lever, scene.tree, scene.clamp_room, link, table, last,
-        scene.bodies, scene.references, scene.marks, row, now, gap + scene.settings.margin,
-    )  # fmt: skip
-
-
-@kernel
-def find_sphere_clamp(
-    scene: Scene,
-    node: int,
-    table: JointTable,
-    last: int,
-    now: float,
-    near_count: int,
-    limit: ContactLimit,
-) -> Clamp:
-    """What a sphere can clamp an obstacle against, of those that `find_near` listed last."""
-    return find_clamp(
-        scene.placement, scene.arm.lever, scene.tree, scene.link_gaps, scene.clamp_room, node,
-        table, last, scene.bodies, scene.references, scene.marks, now, near_count,
-        limit.gap + scene.settings.margin, limit.thickness,
-    )  # fmt: skip
-
-
-@kernel
 def find_harm_time(
     scene: Scene, link: int, row: int, now: float, limit: ContactLimit, contact_time: float
 ) -> float:
@@ -443,17 +402,26 @@ def find_harm_time(
         contact_time: Of both, in [s].
     """
     table, node = scene.table, scene.tree.root[link]
+    end = table.time.shape[0] - 1
+    first = 0
+    while first < end and not table.time[first] > contact_time:
+        first += 1
+    if not table.time[first] > contact_time:
+        return contact_time
+    # Most links are near others of the arm by then already.
+    if can_links_clamp(scene, node, table, first, limit):
+        return contact_time
     time: float = harmless_time(
         sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), table,
         limit.max_speed,
     )  # fmt: skip
-    last = 0
+    last = first
     while table.time[last] < time:
         last += 1
     # Half as long each time, until nothing can be near by then, or nothing is gained.
     while table.time[last] > contact_time:
-        clamp = find_sphere_clamp(scene, node, table, last, now, 0, limit)
-        if not clamp.by_link and find_near(scene, link, row, table, last, now, limit.gap) == 0:
+        clamps = can_links_clamp(scene, node, table, last, limit)
+        if not clamps and find_near_obstacles(scene, link, row, table, last, now, limit) == 0:
             harmless = min(time, table.time[last] * (1.0 - SUM_ROUNDING))
             return max(contact_time, harmless)
         last //= 2
@@ -476,16 +444,16 @@ def _is_sphere_harmless(
 ) -> tuple[bool, float]:
     """Whether a sphere is harmless for good before a contact, and a bound on its speed then.
 
-    In [m]/[s]. `near_count` is what `find_near` found for the link.
+    In [m]/[s]. `near_count` is what `find_near_obstacles` found for the link.
     """
     sphere, table = sphere_of(scene, node), scene.braking
     last = table.time.shape[0] - 1
     radius, moves = scene.tree.radius[node], moves_of(scene, node)
-    clamp = find_sphere_clamp(scene, node, table, last, now, near_count, limit)
+    clamp = find_clamp(scene, node, table, last, now, near_count, limit)
     harmless, speed = find_harmless_node(sphere, radius, moves, table, limit.max_speed)
-    if clamp.by_link or clamp.by_obstacle:
+    if clamp.links > 0 or clamp.by_obstacle:
         short = find_short_way_node(
-            sphere, radius, moves, table, scene.clamp_room.weight, clamp, limit.max_way
+            sphere, radius, moves, table, scene.clamp_room.closing, clamp, limit.max_way
         )
         harmless = max(harmless, short)
     if harmless == 0 or is_free_until(sphere, table, hull, distance, harmless):
@@ -513,7 +481,7 @@ def _is_safe(
         row: Of the obstacle.
         state: The obstacle's own, or its partner's.
         limit: What contact with the obstacle is permitted.
-        near_count: What `find_near` found for the link; below 0: not known yet.
+        near_count: What `find_near_obstacles` found for the link; below 0: not known yet.
         now: Time of the tick on the obstacles' clock, in [s].
 
     Returns:
@@ -530,8 +498,11 @@ def _is_safe(
     # Most spheres are away from the obstacle.
     if is_free_at_once(sphere_of(scene, node), table, hull, distance):
         return True, 0.0, near_count
+    # What is dear is asked of the finest ones alone: others clamp nearly always.
+    if scene.tree.first_child[node] >= 0:
+        return False, 0.0, near_count
     if near_count < 0:
-        near_count = find_near(scene, link, row, table, last, now, limit.gap)
+        near_count = find_near_obstacles(scene, link, row, table, last, now, limit)
     is_safe, speed = _is_sphere_harmless(scene, node, hull, distance, limit, near_count, now)
     return is_safe, speed, near_count
 
@@ -539,7 +510,7 @@ def _is_safe(
 @kernel
 def rests_in_time(
     handle: Any, link: int, row: int, now: float, budget: int
-) -> tuple[int, int, float]:
+) -> tuple[int, int, float, int]:
     """Whether a link surely rests before contact, though the arm brakes only after the next tick.
 
     Where contact with the obstacle is permitted, it has to be slow enough for good before contact.
@@ -555,12 +526,13 @@ def rests_in_time(
 
     Returns:
         RESTS if it does, TOUCHES if it might not, UNDECIDED if the budget did not suffice to know;
-        evaluations; and the greatest speed of a contact before it rests, in [m]/[s], 0 where there
-        is none.
+        evaluations; the greatest speed of a contact before it rests, in [m]/[s], 0 where there
+        is none; and the sphere that might touch, -1 if there is none, or nothing is known of the
+        obstacle.
     """
     scene = handle.content
     if not is_known(scene.marks, row):
-        return TOUCHES, 0, 0.0
+        return TOUCHES, 0, 0.0, -1
     tree, limit, table = scene.tree, limit_of(scene, row), scene.braking
     evaluations, greatest = 0, 0.0
     partner = partner_of(scene, row, now, table.time[table.time.shape[0] - 1])
@@ -573,7 +545,7 @@ def rests_in_time(
         near_count: Any = np.int64(-1)  # not known yet
         while node >= 0:
             if not evaluations < budget:
-                return UNDECIDED, evaluations, 0.0
+                return UNDECIDED, evaluations, 0.0, -1
             evaluations += 1
             is_safe, speed, near_count = _is_safe(
                 scene, node, link, row, state, limit, near_count, now
@@ -589,5 +561,5 @@ def rests_in_time(
             elif tree.first_child[node] >= 0:
                 node = tree.first_child[node]
             else:
-                return TOUCHES, evaluations, 0.0
-    return RESTS, evaluations, greatest
+                return TOUCHES, evaluations, 0.0, node
+    return RESTS, evaluations, greatest, -1

@@ -20,7 +20,6 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.possible_states import is_known
 from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.obstacles.table import States
-from armguard.pairs.clamping import make_room
 from armguard.pairs.contact_time import (
     RESTS,
     arm_reach_time,
@@ -28,7 +27,14 @@ from armguard.pairs.contact_time import (
     partner_of,
     rests_in_time,
 )
-from armguard.pairs.scene import UNKNOWN, ArmArrays, Scene, Settings, prepare_arm
+from armguard.pairs.scene import (
+    UNKNOWN,
+    ArmArrays,
+    Scene,
+    Settings,
+    make_clamp_room,
+    prepare_arm,
+)
 from armguard.robot.kinematics import Kinematics
 
 NO_LIMIT = 2**62
@@ -86,7 +92,10 @@ class TickState:
         )
         self._settings = Settings(float(margin), motion.with_joints)
         self._contact_limits = make_no_limits() if contact_limits is None else contact_limits
-        self._clamp_room = make_room(motion.joint.lever.shape[1])
+        gaps = motion.link_gaps
+        self._clamp_room = make_clamp_room(
+            motion.joint.lever.shape[1], len(gaps.parts) + len(gaps.base), len(self.tree.radius)
+        )
         self._kinematics = kinematics
         count = len(self.tree.radius)
         self.sphere_time = np.full(count, np.inf)
@@ -238,7 +247,7 @@ def _find_unsafe(handle: Any, pairs: IntArray, now: float) -> tuple[int, int]:
     links = handle.content.tree.root.shape[0]
     evaluations = 0
     for pair in pairs:
-        answer, spent, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
+        answer, spent, _, _ = rests_in_time(handle, pair % links, pair // links, now, NO_LIMIT)
         evaluations += spent
         if answer != RESTS:
             return pair, evaluations

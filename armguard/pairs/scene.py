@@ -10,16 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from armguard.bounds.closing import Arms, make_arms
 from armguard.bounds.isotropic import VelocityErrors, fill_velocity_errors
 from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.limits import JointLimits
 from armguard.bounds.link_gaps import LinkGaps
+from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import FloatArray, IntArray
-from armguard.jit.kernels import separate_kernel
+from armguard.jit.kernels import kernel, separate_kernel
 from armguard.obstacles.regions import RegionLimits
 from armguard.obstacles.table import Marks, States
 from armguard.obstacles.tethers import Tethers
-from armguard.pairs.clamping import ClampRoom
 from armguard.robot.kinematics import ArmPlacement, SphereTree, move_spheres
 
 UNKNOWN, REACH, ISOTROPIC, JOINT = range(4)
@@ -57,6 +58,30 @@ class ArmArrays(NamedTuple):
     """What each link cannot leave: centre and radius, [m]. Shape (links, 4)."""
     arm_ball: FloatArray
     """What the arm cannot leave: centre and radius, [m]. Shape (4,)."""
+
+
+MOST_NEAR = 32
+"""Obstacles near one link that are looked at one by one; more of them count as one that is near."""
+
+
+class ClampRoom(NamedTuple):
+    """Room to work in for `clamping`."""
+
+    pair: Arms
+    """By how much the gap between two spheres closes with each joint."""
+    closing: FloatArray
+    """Those of the gaps between a sphere and the parts near it, by radians forth and back, in [m].
+    Shape (parts, 2, nv)."""
+    near: IntArray
+    """Rows of obstacles near one link. Shape (MOST_NEAR,)."""
+    nearest: IntArray
+    """Which part was found near a sphere last: it is asked first. Shape (n,)."""
+
+
+def make_clamp_room(joints: int, parts: int, spheres: int) -> ClampRoom:
+    """Room for an arm with so many joints, spheres that stand for its links, and spheres in all."""
+    closing, near = np.zeros((parts, 2, joints)), np.zeros(MOST_NEAR, dtype=np.int64)
+    return ClampRoom(make_arms(joints), closing, near, np.zeros(spheres, dtype=np.int64))
 
 
 class Settings(NamedTuple):
@@ -105,6 +130,16 @@ class Scene(NamedTuple):
     """Room to work in: what those rest on. Shape (links,)."""
     sphere_time: FloatArray
     """Soonest contact time that each sphere was given in this tick, [s]. Shape (n,)."""
+
+
+@kernel
+def sphere_of(scene: Scene, node: int) -> ArmSphere:
+    """A sphere of the arm whose joints are bounded."""
+    arm = scene.arm
+    return ArmSphere(
+        arm.centers[node, 0], arm.centers[node, 1], arm.centers[node, 2],
+        scene.placement.jacobian.T, arm.lever[node], arm.slope_error[node],
+    )  # fmt: skip
 
 
 @separate_kernel

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.numerics import LENS_ROUNDING
 from armguard.obstacles.obstacles import Obstacles
 from armguard.people.body_parts import BOUNDS, PartBounds
 from armguard.people.proportions import (
@@ -43,10 +44,6 @@ LONGEST_GAP = 0.2
 
 HISTORY = 12
 """Samples of each part that are kept for velocities."""
-
-ROUNDING = 1e-9
-"""What squares of lengths are off by, as a share of them, and lengths in [m]: far more than they
-are."""
 
 _SIDES = ("left", "right")
 
@@ -652,7 +649,7 @@ def _meet(balls: list[Ball]) -> Ball | None:
     distance = float(np.linalg.norm(way))
     if not distance <= small.radius + large.radius:
         return None
-    if distance <= ROUNDING:
+    if distance <= LENS_ROUNDING:
         return small
     # Both spheres meet in a circle, so far from the smaller one's centre. If the circle is between
     # the centres, the ball around it contains what the balls have in common.
@@ -661,7 +658,7 @@ def _meet(balls: list[Ball]) -> Ball | None:
     if not 0.0 < off < distance:
         return small
     square = small.radius**2
-    radius = math.sqrt(max(0.0, square - off**2) + ROUNDING * square)
+    radius = math.sqrt(max(0.0, square - off**2) + LENS_ROUNDING * square)
     if not radius < small.radius:
         return small
     return Ball(small.centre + off / distance * way, radius)

@@ -12,6 +12,7 @@ import pinocchio
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.settings import read_settings
+from armguard.obstacles.broken_bounds import BODY_LIMITS
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
@@ -101,6 +102,8 @@ def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
         bounds=[(str(row[0]), float(row[1]), float(row[2])) for row in data["bounds"]],
         # Recordings of before there were regions have none.
         regions=data.get("regions"),
+        # Recordings of before there were limits have none.
+        body_limits=data.get("body_limits", BODY_LIMITS),
     )
 
 

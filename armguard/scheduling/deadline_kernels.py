@@ -879,7 +879,7 @@ def find_unsafe(
                     if limit > permitted:
                         permitted, permitted_link = limit, link
                 continue
-            answer, spent, speed = rests_in_time(scene, link, row, now, budget - evaluations)
+            answer, spent, speed, _ = rests_in_time(scene, link, row, now, budget - evaluations)
             evaluations += spent
             if answer == RESTS:
                 if speed > permitted:
@@ -978,7 +978,7 @@ def recall_stops(
 
 @kernel
 def find_touch(handle: Any, moment: Moment, rows: IntArray) -> tuple[int, int]:
-    """Row and link of an obstacle that is touched as is permitted, and not receded from.
+    """Row and link of an obstacle that is touched as is permitted.
 
     NOBODY if there is none. A pair whose certificate holds does not touch. Each row's mark says
     from now on whether it is touched.

@@ -22,10 +22,11 @@ from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.handle import machine_code, pack
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.partners import NO_PARTNER
-from armguard.obstacles.regions import strictest_limit
+from armguard.obstacles.regions import ContactLimit, strictest_limit
 from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
+from armguard.pairs.forbidden import Forbidden, find_forbidden
 from armguard.robot.joint_states import JointStates
 from armguard.robot.robot import Robot
 from armguard.scheduling.certificates import (
@@ -196,8 +197,8 @@ class _Desk(NamedTuple):
     codes: tuple[Any, Any, Any, Any]
     """Machine code of `advance`, `evaluate_due`, `find_unsafe` and `recall_stops`."""
     limit_codes: tuple[Any, ...]
-    """That of `find_first_harm`, `find_permitted_contact` and `find_touch`; none where no contact
-    is permitted."""
+    """That of `find_first_harm`, `find_permitted_contact`, `find_touch` and `find_forbidden`; none
+    where no contact is permitted."""
 
 
 def _list_own(certificates: Certificates) -> list[NDArray[Any]]:
@@ -540,17 +541,20 @@ class Scheduler:
     def find_harm(self) -> tuple[int, float]:
         """The pair of which a contact that is not permitted could come first, and when.
 
+        To be asked in a tick whose evaluations found a pair.
+
         Returns:
-            Row × links + link, NOBODY without pairs; and the time in [s] since the epoch.
+            Row × links + link; and the time in [s] since the epoch.
         """
-        certificates = self.certificates
-        if certificates.numbers[ACTIVE] == 0:
-            return NOBODY, math.inf
         row, link, expiry = self._find_harm(self._handle)
         return row * self._links + link, expiry
 
+    def find_harm_expiry(self, pair: int) -> float:
+        """Until when no contact of a pair can do harm, in [s] since the epoch."""
+        return self.certificates.pair_harm.item(divmod(pair, self._links))
+
     def find_touch(self, tick: Tick) -> int:
-        """A pair that touches, as is permitted, and does not recede; NOBODY if there is none.
+        """A pair that touches, as is permitted; NOBODY if there is none.
 
         To be asked after the tick's evaluations, where contact limits are stated.
         """
@@ -558,11 +562,30 @@ class Scheduler:
         row, link = self._find_touch(self._tick_data, _moment_of(tick), self._candidates)
         return NOBODY if row == NOBODY else row * self._links + link
 
+    def find_limit(self, regions: int) -> ContactLimit:
+        """What contact with an obstacle of a set of regions is permitted."""
+        return ContactLimit(*strictest_limit(self.arm.state.scene.contact_limits, regions))
+
+    def list_touchable(self, tick: Tick) -> IntArray:
+        """Rows of obstacles whose certificates do not say that nothing touches them. Shape (r,)."""
+        expiry = entries_of(self.certificates.expiry_tree)[: len(self.certificates.watched)]
+        rows: IntArray = np.flatnonzero(expiry <= tick.time)
+        return rows
+
     def find_speed_limit(self, pair: int) -> float:
         """How fast a surface may be that touches the obstacle of a pair, in [m/s]."""
-        scene = self.arm.state.scene
-        regions = int(scene.marks.regions[pair // self._links])
-        return float(strictest_limit(scene.contact_limits, regions).max_speed)
+        regions = int(self.arm.state.scene.marks.regions[pair // self._links])
+        return float(self.find_limit(regions).max_speed)
+
+    def find_forbidden(self, pair: int, tick: Tick) -> Forbidden:
+        """Why a contact of a pair's obstacle is forbidden, by the arm's table of braking.
+
+        Where that of the pair itself is not, another one of the same obstacle may be.
+        """
+        self.prepare(tick)
+        row, link = divmod(pair, self._links)
+        watched = self.certificates.watched[row]
+        return Forbidden(*self._find_forbidden(self.arm.state.handle, link, row, watched, tick.now))
 
     def find_permitted_contact(self, tick: Tick, within: float) -> PermittedContact:
         """The contact that is permitted and possible within a time, in [s], nearest its limit.
@@ -572,8 +595,11 @@ class Scheduler:
         row, link, speed, limit, greatest = self._find_permitted(
             self._tick_data, tick.time, tick.time + within, self._candidates
         )
-        pair = NOBODY if row == NOBODY else row * self._links + link
-        return PermittedContact(pair, speed, limit, greatest)
+        if row == NOBODY:
+            return NO_CONTACT
+        pair = row * self._links + link
+        # A named tuple's own constructor takes twice as long.
+        return tuple.__new__(PermittedContact, (pair, speed, limit, greatest))
 
     def recall(self, pair: int) -> PairResult:
         """What is known of one pair."""
@@ -679,7 +705,9 @@ class Scheduler:
         self._handle, self._tick_data = desk.handle, desk.tick_data
         self._advance, self._evaluate_due, self._find_unsafe, self._recall_stops = desk.codes
         if desk.limit_codes:
-            self._find_harm, self._find_permitted, self._find_touch = desk.limit_codes
+            (
+                self._find_harm, self._find_permitted, self._find_touch, self._find_forbidden
+            ) = desk.limit_codes  # fmt: skip
 
     def _lay_desk(self, arm: WatchedArm, certificates: Certificates, *, is_fresh: bool) -> _Desk:
         """Certificates that have the obstacle table's size, and what ticks run on them."""
@@ -703,6 +731,7 @@ class Scheduler:
                 machine_code(find_first_harm, handle),
                 machine_code(find_permitted_contact, tick_data, 0.0, 0.0, candidates),
                 machine_code(find_touch, tick_data, Moment(0.0, 0.0, 0, 0.0, 0.0), candidates),
+                machine_code(find_forbidden, arm.state.handle, 0, 0, certificates.watched[0], 0.0),
             )
         return _Desk(
             table.accepted,

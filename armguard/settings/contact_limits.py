@@ -93,8 +93,12 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
             )
         given = [name for name in _WAYS if getattr(self, name) is not None]
         if len(given) != 1:
-            names = f"{', '.join(given)}: are all given" if given else "is stated by none"
-            raise ArmguardError("limit", names, expected=f"exactly one of {', '.join(_WAYS)}")
+            first, *others = given or _WAYS
+            offender = others[0] if given else first
+            problem = (
+                f"is given beside {first}" if given else f"is missing, like {' and '.join(others)}"
+            )
+            raise ArmguardError(offender, problem, expected=f"exactly one of {', '.join(_WAYS)}")
         (way,) = given
         for name in ("stiffness", "body_mass"):
             if (getattr(self, name) is not None) != (name in _WAYS[way]):
@@ -212,14 +216,15 @@ class ContactLimits(msgspec.Struct, frozen=True):
             thickness[number] = THICKNESSES[region] if limit.thickness is None else limit.thickness
         return max_speed, max_way, gap, thickness
 
-    def describe(self, regions: int) -> str:
+    def describe(self, regions: int, *, by: Literal["max_speed", "max_way"] = "max_speed") -> str:
         """The strictest limit of a set of regions, in words, with its source.
 
         Args:
             regions: Set of numbers of regions: number k adds 2**k to it.
+            by: By what it is the strictest.
         """
         limits = [
-            (limit.max_speed, region, limit.source)
+            (getattr(limit, by), region, limit.source)
             for region, limit in self.by_region.items()
             if (regions >> NUMBERS[region]) & 1
         ]
@@ -227,3 +232,31 @@ class ContactLimits(msgspec.Struct, frozen=True):
             return "no limit"
         _, region, source = min(limits)
         return f"{region}: {source}"
+
+    def describe_permitted(self, regions: int) -> str:
+        """What contact with an obstacle of a set of regions is permitted, in words.
+
+        Args:
+            regions: As for `describe`.
+        """
+        stated = [
+            self.by_region.get(region) for region in REGIONS if (regions >> NUMBERS[region]) & 1
+        ]
+        limits = [limit for limit in stated if limit is not None and limit.max_speed > 0.0]
+        if not limits or len(limits) < len(stated) or regions & 1:
+            return self.describe_never(regions)
+        speed = min(limit.max_speed for limit in limits)
+        way = min(limit.max_way for limit in limits)
+        return (
+            f"at most {speed:.3g} m/s and, where it can be clamped, {1e3 * way:.3g} mm of way are "
+            f"permitted ({self.describe(regions)})"
+        )
+
+    def describe_never(self, regions: int) -> str:
+        """Why an obstacle with a set of regions may never be touched, in words."""
+        for region, number in NUMBERS.items():
+            limit = self.by_region.get(region)
+            if (regions >> number) & 1 and (limit is None or not limit.max_speed > 0.0):
+                source = "no limit is stated for it" if limit is None else limit.source
+                return f"may never be touched ({region}: {source})"
+        return "may never be touched: its region is not stated"

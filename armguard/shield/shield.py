@@ -26,11 +26,12 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.robot.brakes import find_gentlest_stop
+from armguard.shield.changes import MotionError
 from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, PlanChoice, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -86,7 +87,7 @@ class Shield:
         *,
         jerk: ArrayLike,
         rate: float = 250.0,
-        look_ahead: float = 0.06,
+        look_ahead: float = 0.03,
         chunk_period: float | None = None,
         tracking_error: ArrayLike = 0.001,
         velocity_tracking_error: ArrayLike = 0.01,
@@ -117,9 +118,11 @@ class Shield:
         self._task: Task | None = None
         self._follow_payload()
         self._piece: _Piece | None = None
+        self._now = 0.0
         self._has_left = False
-        self._alike = self._errors[0] + robot.position_error
         self._at_rest = robot.velocity_error + self._errors[1]
+        self._alike = error = robot.position_error + self._errors[0]
+        self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
@@ -178,19 +181,23 @@ class Shield:
                 Shape (k, nv).
         """
         verdict = self._monitor.step(now if stamp is None else stamp, q, v, now)
+        time = _read_numbers(now)
+        if time is None or time.shape != ():
+            return self._go_on(verdict, _refuse("now", "is no finite number"))
+        now = self._now = float(time)
         piece = self._find_piece(now, q, v, verdict)
         if self._payload != self._monitor.payload and (piece is None or piece.end <= now):
             self._follow_payload()
         reason = self._choose_task(velocity, chunk)
         if piece is None:
-            return Command(
-                *self._nowhere, False, now, 0.0, False, BRAKE, verdict, reason,
-                verdict.contact_speed,
-            )  # fmt: skip
+            return self._go_on(verdict, reason)
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
             shown: list[_Piece] = []
-            choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            try:
+                choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            except MotionError as error:
+                choice, reason = PlanChoice(None, ()), _refuse(error.offender, error.problem)
             if choice.verdicts and not choice.verdicts[0].safe:
                 reason = reason or choice.verdicts[0].reasons[0]
             if choice.number is not None:
@@ -210,6 +217,19 @@ class Shield:
             reason,
             verdict.contact_speed,
             executed,
+        )
+
+    def _go_on(self, verdict: Verdict, reason: Reason | None) -> Command:
+        """The motion that the arm is on, if there is one, in a step that finds no other.
+
+        Whether it is still proved is not known without a time.
+        """
+        piece = self._piece
+        samples = self._nowhere if piece is None else piece.samples
+        end = self._now if piece is None else float(samples.times[-1])
+        moves = bool(end > self._now and samples.v.any())
+        return Command(
+            *samples, False, end, 0.0, moves, BRAKE, verdict, reason, verdict.contact_speed
         )
 
     def _follow_payload(self) -> None:
@@ -233,7 +253,8 @@ class Shield:
         if chunk is not None:
             points = _read_numbers(chunk)
             if points is None or not (points.ndim == 2 and points.shape[1] == joints):
-                self._task = self._paths
+                self._task = self._velocity
+                self._velocity.velocity = np.zeros(joints)
                 return _refuse("chunk", f"is no finite array of the shape (points, {joints})")
             self._points.take(points)
             self._task = self._points
@@ -259,7 +280,7 @@ class Shield:
         An arm whose motion is not proved any more may brake by its own means, and one that rests
         may be moved by somebody. Once it rests and the motion has ended, it is taken to be where it
         was measured, unless it may be at that end. So a place to rest does not follow each
-        measured one, and the arm does not creep.
+        measured one, and the arm does not creep. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
@@ -271,7 +292,8 @@ class Shield:
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
-        if not (np.abs(speeds) <= self._at_rest).all():
+        is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
+        if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
         self._has_left = False
         if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._alike).all():

@@ -8,13 +8,13 @@ still time to slow down gently, and that is what the others do.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
-from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.changes import JointChanges, MotionError, PaceChanges
 from armguard.shield.motion import AlongPath, JointByJoint, Motion, Phase
 from armguard.shield.path import SAME_PLACE, MotionLimits, Path, TimedPath
 
@@ -29,6 +29,9 @@ CREEPING = 0.02
 
 FAR = 4.0
 """How many times farther ahead is looked where there are several paths to choose from."""
+
+FARTHEST_BACK = 10.0
+"""From no farther off its path, in [rad] and [m], an arm is led back to it."""
 
 PASSED = 1.0
 """How far ahead on its path an arm may have come to rest that left it to brake, in [s]."""
@@ -47,6 +50,27 @@ class Task(Protocol):
 
     def find_scale(self, motion: Motion, time: float) -> float:
         """How fast a motion is at a time in [s], as a share of what was asked for; 0 to 1."""
+
+
+_Pace = TypeVar("_Pace", float, FloatArray)
+
+
+def _vary_pace(
+    wanted: _Pace, current: _Pace, look_ahead: float, period: float, share: float
+) -> Iterator[tuple[_Pace, float]]:
+    """What to go on at, and for how long in [s], before a motion stops; the best first.
+
+    Args:
+        wanted: What was asked for: a pace, or velocities.
+        current: What the arm goes at.
+        look_ahead: In [s].
+        period: Of steps, in [s].
+        share: Of full speed, that `current` is.
+    """
+    yield wanted, look_ahead
+    if share > CREEPING:
+        yield current, max(HOLD_SHARE * look_ahead, period)
+        yield GENTLE * current, period
 
 
 class FollowPaths:
@@ -112,6 +136,9 @@ class FollowPaths:
         elif not rests:
             return
         starts = list(self._find_starts(motion, begin))
+        if not starts:
+            far = f"is more than {FARTHEST_BACK:g} rad or m from where a joint rests"
+            raise MotionError("path", far)
         for lasting in (FAR * self._look_ahead, self._look_ahead)[len(starts) < 2 :]:
             for path, start in starts:
                 if start < path.duration:
@@ -140,7 +167,7 @@ class FollowPaths:
                 place, apart = path.find_nearest(q, 0.0, path.duration)
             if apart <= SAME_PLACE:
                 yield path, place
-            elif path is self._path:
+            elif path is self._path and apart <= FARTHEST_BACK:
                 # Back to the path, straight on, from where it was left to brake.
                 back = np.stack([q, path.evaluate(np.array([place]))[0][0]])
                 self._back = TimedPath(Path(back), self._limits)
@@ -150,14 +177,8 @@ class FollowPaths:
         self, path: TimedPath, place: tuple[float, float, float], begin: float
     ) -> Iterator[Motion]:
         """At full pace, at the same one, and slowing down gently."""
-        pace, ahead = place[1], self._look_ahead
-        options = [(1.0, ahead)]
-        if pace > CREEPING:
-            options += [
-                (pace, max(HOLD_SHARE * ahead, self._period)),
-                (GENTLE * pace, self._period),
-            ]
-        for wanted, lasting in options:
+        pace = place[1]
+        for wanted, lasting in _vary_pace(1.0, pace, self._look_ahead, self._period, pace):
             going = self._changes.go_and_stop(path, place, begin, lasting, wanted)
             if going is not None:
                 yield going
@@ -190,14 +211,12 @@ class KeepVelocity:
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         state = motion.sample(np.array([begin]))
-        wanted, ahead = self._clip(state.q[0]), self._look_ahead
+        wanted = self._clip(state.q[0])
         if motion.end <= begin and not wanted.any():
             return
         v = state.v[0]
-        options = [(wanted, ahead)]
-        if np.abs(v / self._limits.velocity).max() > CREEPING:
-            options += [(v, max(HOLD_SHARE * ahead, self._period)), (GENTLE * v, self._period)]
-        for velocity, lasting in options:
+        share = float(np.abs(v / self._limits.velocity).max())
+        for velocity, lasting in _vary_pace(wanted, v, self._look_ahead, self._period, share):
             yield self._changes.go_and_stop(state, begin, lasting, velocity)
 
     def find_scale(self, motion: Motion, time: float) -> float:
@@ -259,7 +278,7 @@ class FollowPoints:
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         if self._phases and not self._is_followed(motion, begin):
-            self._points, self._phases = None, []
+            self._points = None
         if self._points is None:
             return
         if not self._phases:
@@ -269,25 +288,33 @@ class FollowPoints:
         for lasting in (self._look_ahead, self._period):
             yield self._changes.stop_after(self._phases, min(begin + lasting, self._end))
         # What could not be proved is dropped, and the arm stops.
-        self._points, self._phases = None, []
+        self._points = None
 
     def count_passed(self, motion: Motion) -> int:
-        """Of how many points the time comes before a motion's stop begins."""
-        if not (self._phases and isinstance(motion, JointByJoint)):
+        """Of how many points the time comes before a motion's stop begins.
+
+        It still counts after the others were dropped.
+        """
+        begin = self._find_stop(motion)
+        if begin is None:
             return 0
-        followed = motion.phases[-1].begin - self._phases[0].begin
-        return int(followed / self._apart + LIMIT_SLACK)
+        passed = (begin - self._phases[0].begin) / self._apart
+        return min(int(passed + LIMIT_SLACK), len(self._phases))
 
     def find_scale(self, motion: Motion, time: float) -> float:
         """1 while points are followed, else 0."""
-        return 1.0 if self._phases else 0.0
+        return 1.0 if self._is_followed(motion, time) else 0.0
 
-    def _is_followed(self, motion: Motion, begin: float) -> bool:
+    def _is_followed(self, motion: Motion, time: float) -> bool:
         """Whether a motion is still on the way from point to point at a time."""
-        if not isinstance(motion, JointByJoint):
-            return False
-        phases = motion.phases
-        return phases[0] is self._phases[0] and begin <= phases[-1].begin
+        begin = self._find_stop(motion)
+        return begin is not None and time <= begin
+
+    def _find_stop(self, motion: Motion) -> float | None:
+        """When a motion along the points begins to stop, in [s]; None for any other motion."""
+        if not (self._phases and isinstance(motion, JointByJoint)):
+            return None
+        return motion.phases[-1].begin if motion.phases[0] is self._phases[0] else None
 
     def _lay_out(self, motion: Motion, begin: float) -> None:
         """Phases from point to point, each passed at the mean velocity around it."""

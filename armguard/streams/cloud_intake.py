@@ -19,9 +19,13 @@ from armguard.streams.source_accounts import LimitError, SourceAccount
 class OwnPoints(NamedTuple):
     """How points of clouds that are the arm's are told from others."""
 
-    find_others: Callable[[NDArray[np.float64], NDArray[np.float64], str], NDArray[np.bool_]]
+    find_others: Callable[
+        [NDArray[np.float64], NDArray[np.float64], str, tuple[float, float, float]],
+        NDArray[np.bool_],
+    ]
     """Which of some points of shape (n, 3), in [m], are not the arm's; given its joint positions,
-    in the order of the watched joints, and the name of the points' frame."""
+    in the order of the watched joints, the name of the points' frame, and where the rays begin in
+    that frame, in [m]."""
     time_error: float
     """How far apart in time joint state and cloud may be for that, in [s]."""
 
@@ -66,7 +70,8 @@ class CloudIntake:
         occupied = None
         if message.occupied is not None:
             occupied = to_mask("occupied", message.occupied, len(points))
-        named = {"stamp": message.stamp, "origin": message.origin, "points": points}
+        # Points without a place are usual, as holes of images: the table counts and tells them.
+        named = {"stamp": message.stamp, "origin": message.origin}
         intake.check_finite(source, sequence, named)
         others = self._find_others(points, message, stamp, window)
         if others is not None:
@@ -134,7 +139,7 @@ class CloudIntake:
             apart = abs(state.stamp - stamp) + window
             if apart <= own.time_error:
                 try:
-                    return own.find_others(points, state.q, message.frame)
+                    return own.find_others(points, state.q, message.frame, message.origin)
                 except ArmguardError as error:
                     problem = str(error)
             else:

@@ -106,7 +106,7 @@ class Person(NamedTuple):
         velocity = np.tile(pace, (len(STANDING), 1))
         publish_person(
             obstacles, self.name, time, place, velocity, np.zeros(len(STANDING)),
-            accel=ACCEL, speed=SPEED,
+            accel=ACCEL, speed=SPEED, person=self.name,
         )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from scene.example_limits import LIMITS
 from scene.least_rule import LeastRule
 from scene.stop_rules import (
     ContactTimeRule,
+    ForgetfulSeparation,
     MonitorRule,
     Oracle,
     PieceRule,
@@ -26,6 +27,7 @@ PIECES = "pieces with their own stop"
 LEFT = ", leave=any"
 NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
+FORGETFUL = AS_THEY_COME + ", hidden bodies left out"
 WITH_ERRORS = ", errors included"
 WITH_LIMITS = ", contact limits"
 
@@ -49,16 +51,19 @@ DESCRIPTIONS = {
 
 
 ORDER = (
-    ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION,
-    SEPARATION + NO_LOAD, SEPARATION + AS_THEY_COME, ISOTROPIC, JOINT, BRAKING,
-    BRAKING + AS_THEY_COME, OPERATING, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME, PIECES,
-    PIECES + LEFT, PIECES + NO_LOAD, OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS,
+    ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, SEPARATION, SEPARATION + NO_LOAD,
+    ISOTROPIC, JOINT, BRAKING, OPERATING, OPERATING + NO_LOAD, PIECES, PIECES + LEFT,
+    PIECES + NO_LOAD, OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS, SEPARATION + FORGETFUL,
+    SEPARATION + AS_THEY_COME, OPERATING + AS_THEY_COME, PIECES + AS_THEY_COME,
 )  # fmt: skip
 """All rules, as tables have them."""
 
+MAIN = (SEPARATION, OPERATING, PIECES)
+"""What is compared in every setting beside clean data, and beside data as they come."""
+
 NOT_OBEYED = (
-    ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, LEAST + NO_LOAD, SEPARATION + AS_THEY_COME,
-    ISOTROPIC, JOINT, OPERATING + NO_LOAD, OPERATING + AS_THEY_COME,
+    ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, SEPARATION + NO_LOAD, ISOTROPIC, JOINT,
+    OPERATING + NO_LOAD, PIECES + NO_LOAD,
 )  # fmt: skip
 """Rules that are judged only: there is another one of the kind to obey."""
 
@@ -74,21 +79,21 @@ class Scope(NamedTuple):
     """The first one is the usual one."""
 
     def settings(self) -> Iterable[Setting]:
-        """The usual one at every reaction, what departs from it in one thing at the extremes."""
+        """All bounds at every reaction with the first camera, and at the first one with others."""
         for bounds in self.bounds:
             for camera in self.cameras:
-                if (camera, bounds) == (self.cameras[0], self.bounds[0]):
-                    reactions = self.reactions
-                elif bounds == self.bounds[0] or camera == self.cameras[0]:
-                    reactions = self.extremes
-                else:
-                    continue
+                reactions = self.reactions if camera == self.cameras[0] else self.reactions[:1]
                 yield from (Setting(reaction, camera, bounds) for reaction in reactions)
 
     @property
     def usual(self) -> Setting:
         """With the first of everything."""
         return Setting(self.reactions[0], self.cameras[0], self.bounds[0])
+
+    @property
+    def real(self) -> Setting:
+        """The one nearest to a real cell: the last bounds, and a camera in the middle."""
+        return Setting(self.reactions[0], self.cameras[len(self.cameras) // 2], self.bounds[-1])
 
     @property
     def extremes(self) -> tuple[float, ...]:
@@ -116,6 +121,7 @@ TARGETS = (
     Target(OPERATING, SEPARATION, 1.05, (0.02,), LEAST),
     Target(OPERATING, SEPARATION, 1.6, (0.1,), LEAST),
     Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
+    Target(OPERATING + AS_THEY_COME, SEPARATION + AS_THEY_COME, 1.15, (0.02,)),
 )
 
 LIMIT_TARGETS = (
@@ -145,7 +151,8 @@ def make_rules(
     Args:
         robot: The arm.
         speed_fraction: What its trajectories use of the velocity limits at most.
-        scope: Of the comparison; what differs from the usual setting is for the main rules.
+        scope: Of the comparison: `MAIN` takes part in each setting, and beside data as they come in
+            those with the first reaction; all others take part in the usual ones.
         setting: What the rules have to live with.
         period: Of ticks, in [s].
     """
@@ -154,36 +161,34 @@ def make_rules(
     known = {"motion": "planned", "operating": operating}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),
-        LeastRule(*given, LEAST),
-        LeastRule(*given, LEAST + WITH_ERRORS, fastest=operating.resolve(robot)[0]),
-        LeastRule(*given, LEAST + NO_LOAD, payload=0.0),
         MonitorRule(*given, OPERATING, operating=operating),
         PieceRule(*given, PIECES, **known),
-        PieceRule(*given, PIECES + LEFT, leave="any", **known),
-        PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
     ]
-    if setting.camera == scope.cameras[0]:
+    if setting.reaction == scope.reactions[0]:
         rules += [
-            Oracle(*given, ORACLE),
-            Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+            ForgetfulSeparation(*given, SEPARATION + FORGETFUL, clean=False),
+            Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
+            MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+            PieceRule(*given, PIECES + AS_THEY_COME, clean=False, **known),
         ]
+    if setting.camera == scope.cameras[0]:
+        rules.append(LeastRule(*given, LEAST))
     if not scope.is_usual(setting):
-        return rules
-    rules += [
-        Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
-        MonitorRule(*given, BRAKING),
-    ]
-    if setting.reaction not in scope.extremes:
         return rules
     limited = {"operating": operating, "contact_limits": LIMITS}
     return [
         *rules,
-        MonitorRule(*given, OPERATING + WITH_LIMITS, **limited),
-        PieceRule(*given, PIECES + WITH_LIMITS, motion="planned", **limited),
+        # What it knows depends on neither camera nor bounds.
+        Oracle(*given, ORACLE),
+        Oracle(*given, ORACLE + NO_LOAD, payload=0.0),
+        LeastRule(*given, LEAST + WITH_ERRORS, fastest=operating.resolve(robot)[0]),
+        Separation(*given, SEPARATION + NO_LOAD, payload=0.0),
         MonitorRule(*given, ISOTROPIC, motion="isotropic"),
         ContactTimeRule(*given, JOINT),
+        MonitorRule(*given, BRAKING),
         MonitorRule(*given, OPERATING + NO_LOAD, payload=0.0, operating=operating),
-        Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
-        MonitorRule(*given, BRAKING + AS_THEY_COME, clean=False),
-        MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
+        PieceRule(*given, PIECES + LEFT, leave="any", **known),
+        PieceRule(*given, PIECES + NO_LOAD, payload=0.0, **known),
+        MonitorRule(*given, OPERATING + WITH_LIMITS, **limited),
+        PieceRule(*given, PIECES + WITH_LIMITS, motion="planned", **limited),
     ]

@@ -24,7 +24,7 @@ import numpy as np
 from armguard.jit import kernel
 from armguard.lab.simulation.recordings import MARKER_ERROR
 from scene.clearance import Leaves, nearest_on_segment
-from scene.recorded_people import NAMES, RADII, People
+from scene.recorded_people import IDS, NAMES, RADII, People
 from scene.stop_rules import (
     PERIOD,
     TRACKING_ERROR,
@@ -92,7 +92,7 @@ class LeastRule(Rule):
         self._bounds = np.zeros((bodies, 2))
         for frame, calls in enumerate(stream.messages):
             for call in calls:
-                rows = [NAMES.index(name) for name in call.ids]
+                rows = [IDS.index(name) for name in call.ids]
                 # A ball has one end, which is both.
                 self._ends[frame, rows] = call.position
                 self._bounds[rows] = np.stack([call.accel, call.speed], axis=1)

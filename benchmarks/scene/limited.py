@@ -38,13 +38,8 @@ TOUCHES = (
 def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]:
     """Lines of that part; none where no rule has limits."""
     found = [one for one in found if one.rule in RULES]
-    cases = {(one.speed, one.recording, one.placement, one.seed) for one in found}
-    impossible = {
-        (one.speed, one.recording, one.placement, one.seed) for one in found if one.meets_itself
-    }
-    possible = [one for one in found if not one.meets_itself]
-    results = Results(possible, scope.cameras[0], rate)
-    if not any(one.rule.endswith(WITH_LIMITS) for one in possible):
+    results = Results(found, rate)
+    if not any(one.rule.endswith(WITH_LIMITS) for one in found):
         return []
     limits = "; ".join(
         f"{region} {limit.force:g} N ({limit.transient_force:g} N at an impact),"
@@ -52,9 +47,7 @@ def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]
         for region, limit in LIMITS.by_region.items()
     )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
-    text = HEADER.read_text(encoding="utf-8").format(
-        source=SOURCE, limits=limits, impossible=len(impossible), cases=len(cases)
-    )
+    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
     lines = ["## Contact limits", "", text]
     lines += _shares(results, settings)
     lines += _aims(results, settings)
@@ -220,8 +213,8 @@ def _obeying(results: Results, settings: list[Setting]) -> list[str]:
                             str(len(promised)) if with_limits else "–",
                             str(sum(touch.is_beyond for touch in promised))
                             if with_limits else str(results.total("missed", *what)),
-                            str(len(each) - len(promised))
-                            if with_limits else str(results.total("beyond", *what)),
+                            str(len(each) - len(promised)) if with_limits else
+                            str(sum(results.total(x, *what) for x in ("hidden", "beyond"))),
                         ]
                     )  # fmt: skip
     if not rows:

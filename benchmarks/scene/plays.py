@@ -31,7 +31,9 @@ class Judged(NamedTuple):
     needed: int
     """Ticks in which the rule that knows the future says STOP by itself, not for a tick before."""
     missed: int
-    """Those of them without a STOP."""
+    """Those of them without a STOP, for a body that was in view and had kept its bounds."""
+    hidden: int
+    """Such ticks for a body that was hidden: its way is drawn straight through the gap."""
     beyond: int
     """Such ticks for a body that broke its bounds shortly before."""
     hits: int
@@ -45,7 +47,7 @@ class Judged(NamedTuple):
     stopped_blocked: int
     """Those of them with a STOP."""
     causes: Counter[str]
-    """Of the other STOPs of a rule with contact limits: how many ticks by cause."""
+    """Of the other STOPs of a monitor: how many ticks by cause."""
 
 
 class Obeyed(NamedTuple):
@@ -56,7 +58,9 @@ class Obeyed(NamedTuple):
     stops: int
     """How often it was told to stop."""
     missed: int
-    """Contacts while it moved."""
+    """Contacts while it moved, with a body that was in view and had kept its bounds."""
+    hidden: int
+    """Such contacts with a body that was hidden."""
     beyond: int
     """Such contacts with a body that broke its bounds shortly before."""
     progress: float
@@ -155,7 +159,7 @@ class Stage:
         brakes, contacts = Brakes(arm, 0.0), Contacts()
         holders = [Holder(0.0 if rule.holds else RISE_DELAY) for rule in rules]
         oracles = [rule for rule in rules if isinstance(rule, Oracle)]
-        count = np.zeros((len(rules), 7), dtype=int)
+        count = np.zeros((len(rules), 8), dtype=int)
         causes = [Counter[str]() for _ in rules]
         prices: list[list[float]] = [[] for _ in rules]
         hits = 0
@@ -170,9 +174,9 @@ class Stage:
                 kept.append(counts and not (rule.clean and broke.any()))
                 count[k, :2] += kept[k], kept[k] and says[k]
                 if is_blocked:
-                    count[k, 5:] += kept[k], kept[k] and says[k]
-                elif rule.limits is not None and kept[k] and says[k]:
-                    causes[k][HELD if is_safe else rule.cause] += 1
+                    count[k, 6:] += kept[k], kept[k] and says[k]
+                elif rule.cause and kept[k] and says[k]:
+                    causes[k][HELD if is_safe and rule.clean else rule.cause] += 1
                 if counts:
                     prices[k].append(rule.price)
             for oracle in oracles:
@@ -182,14 +186,13 @@ class Stage:
                     if kept[k] and _is_answerable(rule, oracle):
                         count[k, 2] += 1
                         if not says[k]:
-                            beyond = _was_broken(moment, rule, *oracle.touched)
-                            count[k, 4 if beyond else 3] += 1
+                            count[k, 3 + _find_doubt(moment, rule, *oracle.touched)] += 1
             if counts:
                 hits += int(contacts.begun(moment).sum())
             brakes.tell(moment.now, not counts)
             brakes.run(moment.now, self._period)
         return [
-            Judged(*row[:5], hits, arm.progress, np.array(price), *row[5:], cause)
+            Judged(*row[:6], hits, arm.progress, np.array(price), *row[6:], cause)
             for row, price, cause in zip(count.tolist(), prices, causes, strict=True)
         ]
 
@@ -218,7 +221,8 @@ class Stage:
         holder = Holder(0.0 if rule.holds or rule.goes_at_once else RISE_DELAY)
         if log is None and rule.limits is not None:
             log = TouchLog(rule.limits)
-        ticks = stopped = stops = missed = beyond = blocked = stopped_blocked = 0
+        ticks = stopped = stops = blocked = stopped_blocked = 0
+        met = [0, 0, 0]
         for moment in self._moments(people, arm, [rule], seconds):
             before = holder.stops
             stop = holder.update(moment.now, rule.judge(moment))
@@ -230,9 +234,7 @@ class Stage:
                 blocked += is_blocked
                 stopped_blocked += is_blocked and stop
                 for body in np.flatnonzero(contacts.begun(moment)):
-                    broken = _was_broken(moment, rule, int(body), 0.0)
-                    beyond += broken
-                    missed += not broken
+                    met[_find_doubt(moment, rule, int(body), 0.0)] += 1
             brakes.tell(moment.now, stop or not moment.counts)
             speed_limit = rule.speed_limit if by_scale else np.inf
             if log is None:
@@ -240,7 +242,7 @@ class Stage:
             else:
                 self._run_closely(moment, brakes, rule, speed_limit, log)
         touches = () if log is None else log.touches
-        counts = ticks, stopped, stops, missed, beyond
+        counts = ticks, stopped, stops, *met
         return Obeyed(*counts, arm.progress, blocked, stopped_blocked, touches)
 
     def _run_closely(
@@ -282,13 +284,14 @@ class Stage:
 def _is_answerable(rule: Rule, oracle: Oracle) -> bool:
     """Whether a rule's STOP takes as long as that of an oracle, with the same brakes."""
     delays = rule.timing.period + rule.delay, oracle.timing.period + oracle.delay
-    is_alike = rule.setting.bounds == oracle.setting.bounds
-    return delays[0] == delays[1] and is_alike and rule.brakes.payload == oracle.brakes.payload
+    return delays[0] == delays[1] and rule.brakes.payload == oracle.brakes.payload
 
 
-def _was_broken(moment: Moment, rule: Rule, body: int, until: float) -> bool:
-    """Whether a body broke its bounds shortly before a contact, or nobody knows where it was."""
+def _find_doubt(moment: Moment, rule: Rule, body: int, until: float) -> int:
+    """2: a body broke its bounds shortly before a contact; 1: it was hidden then; 0: neither."""
     people = moment.people
     first, last = people.frame(moment.since), people.frame(moment.since + until)
     broke = people.streams[rule.setting.bounds, rule.clean].broke
-    return bool(broke[first : last + 1, body].any() or people.is_filled[last, body])
+    if broke[first : last + 1, body].any():
+        return 2
+    return int(people.is_filled[last, body])

@@ -35,6 +35,9 @@ DOUBT = 0.5
 than a delay and a stop."""
 
 NAMES = tuple(body.name for body in BODIES)
+IDS = tuple(f"person/{name}" for name in NAMES)
+"""Of obstacles. They are all one person's, so that none counts as what another one can be clamped
+against."""
 RADII = np.array([body.radius for body in BODIES])
 ENDS = np.array([[POINTS.index(body.points[k]) for k in (0, -1)] for body in BODIES])
 """Places of each body's two ends among the tracked points. Shape (9, 2)."""
@@ -105,7 +108,7 @@ class Stream:
                     places = ENDS[rows][:, :corners]
                     calls.append(
                         Message(
-                            [NAMES[row] for row in rows], points[frame, places],
+                            [IDS[row] for row in rows], points[frame, places],
                             claim.velocity[frame, places], RADII[rows], claim.accel[rows],
                             claim.speed[rows], claim.error[frame, rows],
                         )

@@ -25,8 +25,6 @@ class Found(NamedTuple):
     placement: int
     seed: int
     outcome: Judged | Obeyed
-    meets_itself: bool
-    """Whether the arm's trajectory leads through the arm."""
 
 
 class Results:
@@ -34,16 +32,16 @@ class Results:
 
     Args:
         found: All of it.
-        camera: With which the oracle judges: it makes no difference to it, in [s].
         rate: Ticks a second.
     """
 
-    def __init__(self, found: Iterable[Found], camera: float, rate: float) -> None:
-        self._camera, self._rate = camera, rate
+    def __init__(self, found: Iterable[Found], rate: float) -> None:
+        self._rate = rate
         self.found = list(found)
         self._by: dict[tuple[float, str, Setting, str], list[Found]] = {}
         for one in self.found:
-            self._by.setdefault((one.speed, one.rule, one.setting, one.how), []).append(one)
+            key = one.speed, one.rule, _find_key(one.rule, one.setting), one.how
+            self._by.setdefault(key, []).append(one)
         self.speeds = list(dict.fromkeys(one.speed for one in self.found))
         self.rules = sorted({one.rule for one in self.found}, key=ORDER.index)
         # Every rule judged the same arm, which obeyed nobody.
@@ -55,18 +53,26 @@ class Results:
 
     def of(
         self,
-        speed: float,
+        speed: float | None,
         rule: str,
         setting: Setting,
         how: str = "goes on",
         **where: object,
     ) -> list[Found]:
-        """Of one rule in one setting; `where` are fields of `Found` and their values."""
-        if rule.startswith(ORACLE):
-            setting = setting._replace(camera=self._camera)
+        """Of one rule in one setting.
+
+        Args:
+            speed: In [rad]/[s]; None: all of them.
+            rule: Its name.
+            setting: What it had to live with.
+            how: What the arm does about it.
+            **where: Fields of `Found` and their values.
+        """
+        setting = _find_key(rule, setting)
         return [
             one
-            for one in self._by.get((speed, rule, setting, how), [])
+            for each in (self.speeds if speed is None else [speed])
+            for one in self._by.get((each, rule, setting, how), [])
             if all(getattr(one, key) == x for key, x in where.items())
         ]
 
@@ -75,6 +81,13 @@ class Results:
         outcomes = [one.outcome for one in self.of(*what, **where)]  # type: ignore[arg-type]
         ticks = sum(outcome.ticks for outcome in outcomes)
         return sum(outcome.stopped for outcome in outcomes) / ticks if ticks else np.nan
+
+    def ratio(
+        self, speed: float | None, rule: str, rival: str, setting: Setting, **where: object
+    ) -> float:
+        """Of the shares of time in STOP of two rules; NaN where the rival has none, or is none."""
+        share, rivals = (self.share(speed, one, setting, **where) for one in (rule, rival))
+        return share / rivals if rivals > 0.0 else np.nan
 
     def total(self, field: str, *what: object, **where: object) -> int:
         """Sum of a count over cases."""
@@ -109,6 +122,11 @@ class Results:
         )
 
 
+def _find_key(rule: str, setting: Setting) -> Setting:
+    """What is alike for a rule: the future depends on neither camera nor bounds."""
+    return setting._replace(camera=0.0, bounds="") if rule.startswith(ORACLE) else setting
+
+
 def make_table(heads: list[str], rows: list[list[str]]) -> list[str]:
     """Lines of a table in Markdown."""
     lines = [heads, ["---"] * len(heads), *rows]
@@ -118,6 +136,11 @@ def make_table(heads: list[str], rows: list[list[str]]) -> list[str]:
 def percent(share: float) -> str:
     """As it is printed; a dash where there is none."""
     return "–" if not np.isfinite(share) else f"{round(100.0 * share, 1) + 0.0:.1f} %"
+
+
+def multiple(ratio: float) -> str:
+    """As it is printed; a dash where there is none."""
+    return "–" if not np.isfinite(ratio) else f"{ratio:.2f}"
 
 
 def milliseconds(time: float) -> str:

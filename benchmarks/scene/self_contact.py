@@ -1,7 +1,7 @@
 """Whether an arm goes through itself on its trajectory, as no real one can.
 
-Random trajectories are not planned around the arm. What is asked of rules without contact limits
-does not depend on that; but between two links that overlap, everything is clamped.
+Random trajectories are not planned around the arm. Where two links overlap, a contact limit has
+nothing to say: everything between them is clamped.
 """
 
 from __future__ import annotations

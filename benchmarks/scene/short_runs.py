@@ -37,7 +37,7 @@ def list_cases(options: argparse.Namespace, speed: float) -> list[Case]:
 
 def make_run(scope: Scope, seconds: float) -> Run:
     """What all cases have in common."""
-    return Run(scope, (), 0, RATE, seconds)
+    return Run(scope, False, RATE, seconds)
 
 
 def place_people(case: Case, kind: type[AnyPeople], *arguments: Any) -> AnyPeople:

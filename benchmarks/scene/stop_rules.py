@@ -111,7 +111,7 @@ class Rule:
         price: Time that the last judgement took, in [s].
         limits: How fast a surface may be that touches each body, in [m]/[s], shape (bodies,); None:
             nothing may be touched.
-        cause: Why the last judgement was STOP, where contact limits are stated.
+        cause: Why the last STOP of a monitor began, in short; else empty.
     """
 
     holds = goes_at_once = has_scale = False
@@ -201,13 +201,18 @@ class Separation(Rule):
         self._sent = people.streams[self.setting.bounds, self.clean].sent
         self._bodies = np.arange(len(RADII))
 
+    def _finds(self, frames: np.ndarray, shown: int) -> np.ndarray:
+        """Of which bodies it knows something: those last seen in `frames`. Shape (bodies,)."""
+        return frames >= 0
+
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
         begin = time.perf_counter()
         people, leaves, timing = moment.people, moment.leaves, self.timing
-        shown = moment.since - self.setting.camera
-        frames = self._sent[people.frame(shown)]
-        ages = np.where(frames >= 0, moment.since - frames / people.rate, np.inf)
+        shown = people.frame(moment.since - self.setting.camera)
+        frames = self._sent[shown]
+        found = self._finds(frames, shown)
+        ages = np.where(found, moment.since - frames / people.rate, np.inf)
         lasting = self.brakes.lasting(moment.arm.v)
         stopping = np.where(leaves.moves, lasting, 0.0).max(axis=1)
         apart: bool = is_separate(
@@ -217,6 +222,13 @@ class Separation(Rule):
         )  # fmt: skip
         self.price = time.perf_counter() - begin
         return apart
+
+
+class ForgetfulSeparation(Separation):
+    """The same of the bodies in the newest frame alone: what is hidden is not there."""
+
+    def _finds(self, frames: np.ndarray, shown: int) -> np.ndarray:
+        return frames == shown
 
 
 class MonitorRule(Rule):
@@ -264,7 +276,7 @@ class MonitorRule(Rule):
         self._table.remove([name for name in self._table.ids if name])
         self.monitor.reset()
         self._next, self._begin = 0, begin
-        self.speed_limit = np.inf
+        self.speed_limit, self.cause = np.inf, HELD
 
     def judge(self, moment: Moment) -> bool:
         """Whether the arm may go on."""
@@ -280,10 +292,17 @@ class MonitorRule(Rule):
     def _judge(self, moment: Moment) -> bool:
         self.verdict = self.monitor.step(moment.now, *moment.arm.measured)
         if self.verdict.level is Level.STOP:
-            self.cause = find_cause(self.verdict.reasons)
+            self._note_cause(self.verdict.reasons)
             return False
         self.speed_limit = self.verdict.speed_scale * self._speeds
         return True
+
+    def _note_cause(self, reasons: Iterable[Reason]) -> None:
+        """Say why this is a STOP; of data as they come, what is wrong with them."""
+        if self.clean:
+            self.cause = find_cause(reasons)
+        elif not any(reason.kind is ReasonKind.HOLD for reason in reasons):
+            self.cause = find_fault(reasons)
 
 
 class ContactTimeRule(MonitorRule):
@@ -347,17 +366,39 @@ HELD = "held"
 """The cause of a STOP that lasts although nothing calls for it any more."""
 
 
+PAIR_KINDS = ReasonKind.CONTACT, ReasonKind.CONTACT_FORBIDDEN, ReasonKind.PLAN_UNSAFE
+"""Of reasons whose subjects name a link and an obstacle."""
+
+
 def find_cause(reasons: Iterable[Reason]) -> str:
     """Why an arm has to stop, in short: the obstacle that could be touched, or what else it is."""
     for reason in reasons:
         if reason.kind is ReasonKind.HOLD:
             return HELD
-        if reason.kind in (ReasonKind.CONTACT, ReasonKind.PLAN_UNSAFE):
+        if reason.kind in PAIR_KINDS:
             return reason.subject.rpartition(" and ")[2]
         if reason.subject == "last step":
             return reason.detail.removeprefix("was a STOP: ").partition(":")[0]
         return reason.kind.text
     return "unknown"
+
+
+FAULT_KINDS = (
+    ReasonKind.WIDENED_BOUNDS,
+    ReasonKind.REFUSED_ALTERNATIVE,
+    ReasonKind.HIDDEN,
+    ReasonKind.LATE_DATA,
+    ReasonKind.LATE_DATA_UNKNOWN,
+)
+PLAIN = "plain"
+FAULTS = (*(kind.text for kind in FAULT_KINDS), PLAIN)
+"""What a STOP can rest on where data are as they come; plain: on none of these faults."""
+
+
+def find_fault(reasons: Iterable[Reason]) -> str:
+    """Which fault of the data a STOP rests on: the first of `FAULTS` that is named."""
+    kinds = {reason.kind for reason in reasons}
+    return next((kind.text for kind in FAULT_KINDS if kind in kinds), PLAIN)
 
 
 def make_plan(stamp: float, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Plan:

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from scene.contestants import (
+    AS_THEY_COME,
     DESCRIPTIONS,
     LEAST,
-    NO_LOAD,
+    MAIN,
     ORACLE,
     SEPARATION,
     TARGETS,
@@ -18,14 +19,17 @@ from scene.contestants import (
     Scope,
     Target,
 )
+from scene.headline import write_costs, write_numbers
 from scene.limited import write_limits
 from scene.plays import RISE_DELAY, Judged, Obeyed
+from scene.raw_data import write_raw
 from scene.results import (
     Found,
     Results,
     in_words,
     make_table,
     milliseconds,
+    multiple,
     percent,
 )
 from scene.stop_rules import LATENCY, PERIOD, Setting
@@ -55,13 +59,14 @@ def write_page(
     found = list(found)
     limited = write_limits(found, scope, rate)
     # Where contact is permitted there is nothing that they miss: they have a part of their own.
-    results = Results(
-        [one for one in found if not one.rule.endswith(WITH_LIMITS)], scope.cameras[0], rate
-    )
+    results = Results([one for one in found if not one.rule.endswith(WITH_LIMITS)], rate)
     speed = results.speeds[0]
     judged = results.of(speed, SEPARATION, scope.usual)
     parts = [
         HEADER.read_text(encoding="utf-8").format(
+            numbers="\n".join(write_numbers(results, scope)),
+            costs="\n".join(write_costs(results, scope)),
+            reaction=milliseconds(scope.reactions[0]),
             recordings=in_words(len({one.recording for one in judged}), "recording", "recordings"),
             minutes=results.minutes(speed, SEPARATION, scope.usual),
             seeds=in_words(len({one.seed for one in judged}), "trajectory", "trajectories"),
@@ -76,14 +81,14 @@ def write_page(
             rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY), rate=rate,
         )
     ]  # fmt: skip
+    parts += write_raw(results, scope)
     parts += _targets(results, scope)
     parts += _shares(results, scope)
-    parts += _beside_rivals(results, scope)
     parts += _spread(results, scope)
     parts += _obeying(results, scope)
     parts += limited
     parts += _missed(results, scope)
-    parts += _prices(Results(priced, scope.cameras[0], rate), scope.usual)
+    parts += _prices(Results(priced, rate), scope.usual)
     return "\n".join(parts) + "\n"
 
 
@@ -116,12 +121,18 @@ def _targets(results: Results, scope: Scope) -> list[str]:
         one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION, LEAST))
     ]
     ticks, contacts = (
-        sum(one.outcome.missed for one in monitors if isinstance(one.outcome, kind))
+        [
+            sum(getattr(one.outcome, field) for one in monitors if isinstance(one.outcome, kind))
+            for field in ("missed", "hidden", "beyond")
+        ]
         for kind in (Judged, Obeyed)
     )
     hits = sum(results.hits(speed) for speed in results.speeds)
-    text = f"Monitors were to miss nothing: they missed {ticks} ticks of an arm that goes on, and"
-    text += f" {contacts} contacts of an arm that obeys. One that obeys nobody has {hits} contacts."
+    text = "Monitors were to miss nothing where bodies were in view and had kept their bounds: they"
+    text += f" missed {ticks[0]} ticks of an arm that goes on, and {contacts[0]} contacts of an arm"
+    text += f" that obeys. Of hidden bodies it was {ticks[1]} and {contacts[1]}, of such as had"
+    text += f" broken their bounds {ticks[2]} and {contacts[2]}; all settings together, clean data"
+    text += f" and data as they come. An arm that obeys nobody has {hits} contacts in each."
     return [*lines, text, ""]
 
 
@@ -152,125 +163,95 @@ def _scale_rows(results: Results, setting: Setting) -> list[list[str]]:
 
 def _target_cells(results: Results, target: Target, speed: float, setting: Setting) -> list[str]:
     """The ratio over all recordings, whether that is what was aimed at, and what each has."""
-    whole = _ratio(results, target, speed, setting)
+    whole = results.ratio(speed, target.rule, target.rival, setting)
     if not np.isfinite(whole):
         return []
     found = results.of(speed, target.rule, setting)
     names = dict.fromkeys(one.recording for one in found)
     least = np.nan
     if target.least is not None:
-        least = _ratio(results, target._replace(rule=target.least), speed, setting)
-    each = [_ratio(results, target, speed, setting, recording=name) for name in names]
+        least = results.ratio(speed, target.least, target.rival, setting)
+    each = [
+        results.ratio(speed, target.rule, target.rival, setting, recording=name) for name in names
+    ]
     known = [ratio for ratio in each if np.isfinite(ratio)]
     return [
         f"{whole:.2f}",
         "met" if whole <= target.most else "not met",
-        f"{least:.2f}" if np.isfinite(least) else "–",
+        multiple(least),
         f"{min(known):.2f} to {max(known):.2f}",
     ]
 
 
-def _ratio(
-    results: Results, target: Target, speed: float, setting: Setting, **where: object
-) -> float:
-    """Of the shares of time in STOP; NaN where the rival has none, or there is none."""
-    share, rival = (
-        results.share(speed, rule, setting, **where) for rule in (target.rule, target.rival)
-    )
-    return share / rival if rival > 0.0 else np.nan
-
-
 def _shares(results: Results, scope: Scope) -> list[str]:
-    """Share of time in STOP of an arm that goes on, in every setting."""
-    lines = ["## Share of time in STOP", ""]
-    groups: dict[tuple[float, str], list[float]] = {}
-    for one in scope.settings():
-        groups.setdefault((one.camera, one.bounds), []).append(one.reaction)
-    for (camera, bounds), reactions in groups.items():
-        rows = []
-        columns = [(speed, reaction) for speed in results.speeds for reaction in reactions]
-        heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x)}" for speed, x in columns)]
-        for rule in results.rules:
-            shares = [
-                results.share(speed, rule, Setting(x, camera, bounds)) for speed, x in columns
-            ]
-            if np.isfinite(shares).any():
-                rows.append([rule, *map(percent, shares)])
-        lines += [f"Bounds on people: {bounds}. Samples are {milliseconds(camera)} old.", ""]
-        lines += [*make_table(heads, rows), ""]
-    return lines
-
-
-def _beside_rivals(results: Results, scope: Scope) -> list[str]:
-    """Every share as a multiple of those of the separation distance and of the oracle."""
-    columns = [(speed, reaction) for speed in results.speeds for reaction in scope.reactions]
+    """Share of time in STOP of an arm that goes on, of all rules in the usual setting."""
+    usual = scope.usual
+    columns = [
+        (speed, usual._replace(reaction=x)) for speed in results.speeds for x in scope.reactions
+    ]
     rows = []
     for rule in results.rules:
         cells = []
-        for speed, reaction in columns:
-            setting = scope.usual._replace(reaction=reaction)
-            pair = [
-                _ratio(results, Target(rule, rival, 0.0, ()), speed, setting)
-                for rival in (SEPARATION, ORACLE)
-            ]
-            cells.append(", ".join(f"{ratio:.2f}" if np.isfinite(ratio) else "–" for ratio in pair))
+        for speed, setting in columns:
+            ratio = results.ratio(speed, rule, SEPARATION, setting)
+            share = results.share(speed, rule, setting)
+            cells.append(f"{percent(share)} ({multiple(ratio)})" if np.isfinite(share) else "–")
         rows.append([rule, *cells])
-    heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x)}" for speed, x in columns)]
-    text = f"The first of these tables as multiples: of the {SEPARATION}, and of what {ORACLE}."
-    return [text, "", *make_table(heads, rows), ""]
+    text = f"Bounds on people: {usual.bounds}. Samples are {milliseconds(usual.camera)} old. In"
+    text += f" brackets: as a multiple of the {SEPARATION}."
+    heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x.reaction)}" for speed, x in columns)]
+    return ["## Share of time in STOP, rule by rule", "", text, "", *make_table(heads, rows), ""]
 
 
 def _spread(results: Results, scope: Scope) -> list[str]:
-    """How much that depends on the recording and on the place."""
+    """How much that depends on the recording and on the place, for the main rules."""
     lines = ["## Spread", ""]
-    for setting in _obeyed_settings(scope):
+    for setting in dict.fromkeys((scope.usual, scope.real)):
         for speed in results.speeds:
             found = results.of(speed, SEPARATION, setting)
             recordings = list(dict.fromkeys(one.recording for one in found))
             places = list(dict.fromkeys(one.placement for one in found))
-            heads = ["rule", "median (range) of recordings", *recordings]
-            heads += [f"place {place + 1}" for place in places]
+            heads = ["rule", *recordings, *(f"place {place + 1}" for place in places)]
             rows = []
-            for rule in results.rules:
+            for rule in (ORACLE, *MAIN, *(rule + AS_THEY_COME for rule in MAIN)):
                 each = [results.share(speed, rule, setting, recording=x) for x in recordings]
-                if not np.isfinite(each).all():
-                    continue
-                there = [results.share(speed, rule, setting, placement=x) for x in places]
-                middle = (
-                    f"{percent(np.median(each))} ({percent(min(each))} to {percent(max(each))})"
-                )
-                rows.append([rule, middle, *map(percent, each + there)])
-            lines += [f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction.", ""]
-            lines += [*make_table(heads, rows), ""]
+                each += [results.share(speed, rule, setting, placement=x) for x in places]
+                rows.append([rule, *map(percent, each)])
+            text = f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction, bounds on"
+            text += f" people: {setting.bounds}; samples are {milliseconds(setting.camera)} old."
+            lines += [text, "", *make_table(heads, rows), ""]
     return lines
 
 
 def _obeying(results: Results, scope: Scope) -> list[str]:
-    """What obeying costs, with and without the scale."""
+    """What obeying costs beside clean data, with and without the scale."""
     lines = ["## An arm that obeys", ""]
     heads = [
-        "rule", "in STOP", "stops a minute", "work lost", "missed", "beyond",
-        "obeying the scale: in STOP", "stops a minute", "work lost", "missed", "beyond",
+        "rule", "in STOP", "stops a minute", "work lost", "missed, hidden, beyond",
+        "obeying the scale: in STOP", "stops a minute", "work lost", "missed, hidden, beyond",
     ]  # fmt: skip
     for setting in _obeyed_settings(scope):
         for speed in results.speeds:
             rows = []
             among: list[Found] = []
             for rule in results.rules:
+                if AS_THEY_COME in rule:
+                    continue
                 cells = []
                 for how in ("obeys", "obeys the scale"):
                     what = speed, rule, setting, how
                     found = results.of(*what)
                     among += found
                     if not found:
-                        cells += ["–"] * 5
+                        cells += ["–"] * 4
                         continue
                     cells += [
                         percent(results.share(*what)),
                         f"{results.stops(*what):.1f}",
                         percent(results.lost(*what)),
-                        str(results.total("missed", *what)),
-                        str(results.total("beyond", *what)),
+                        ", ".join(
+                            str(results.total(x, *what)) for x in ("missed", "hidden", "beyond")
+                        ),
                     ]
                 if cells[0] != "–":
                     rows.append([rule, *cells])
@@ -287,22 +268,22 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
 
 def _missed(results: Results, scope: Scope) -> list[str]:
     """Ticks in which a rule let pass what really would have happened."""
-    heads = ["rule", "people, age of samples"]
+    heads = ["rule"]
     for speed in results.speeds:
-        heads += [f"{speed:g} rad/s: missed", "beyond", "of"]
+        heads += [f"{speed:g} rad/s: missed", "hidden", "beyond", "of"]
     rows = []
-    for camera, bounds in dict.fromkeys((x.camera, x.bounds) for x in scope.settings()):
-        settings = [x for x in scope.settings() if (x.camera, x.bounds) == (camera, bounds)]
-        for rule in results.rules:
-            cells: list[int] = []
-            for speed in results.speeds:
-                for field in ("missed", "beyond", "needed"):
-                    counts = [results.total(field, speed, rule, x) for x in settings]
-                    cells.append(sum(counts))
-            if any(cells[2::3]) and rule not in (ORACLE, ORACLE + NO_LOAD):
-                rows.append([rule, f"{bounds}, {milliseconds(camera)}", *map(str, cells)])
+    for rule in results.rules:
+        if rule.startswith(ORACLE):
+            continue
+        cells = [
+            sum(results.total(field, speed, rule, setting) for setting in scope.settings())
+            for speed in results.speeds
+            for field in ("missed", "hidden", "beyond", "needed")
+        ]
+        if any(cells[3::4]):
+            rows.append([rule, *map(str, cells)])
     hits = ", ".join(f"{results.hits(speed)} at {speed:g} rad/s" for speed in results.speeds)
-    text = "Of the ticks in which a STOP was the last one in time, at all reactions together, how"
+    text = "Of the ticks in which a STOP was the last one in time, in all settings together, how"
     text += " many a rule let pass. Nothing asks pieces in this way: see the"
     text += f" contacts of arms that obey them. Contacts of the arm, which goes on: {hits}."
     return ["## Missed", "", text, "", *make_table(heads, rows), ""]

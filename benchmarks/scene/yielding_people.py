@@ -25,7 +25,7 @@ from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from scene.clearance import Leaves
 from scene.example_limits import FIGURES, PATTERNS_OF_REGIONS
-from scene.recorded_people import NAMES, RADII, People, Stream
+from scene.recorded_people import IDS, NAMES, RADII, People, Stream
 from scene.working_arm import WorkingArm
 
 HEAD = (0.0, 150e3, 4.4)
@@ -366,7 +366,7 @@ class _YieldingStream(Stream):
         calls = []
         offset, drift = self._people.offset, self._people.drift
         for call in self._recorded[frame]:
-            rows = [NAMES.index(name) for name in call.ids]
+            rows = [IDS.index(name) for name in call.ids]
             calls.append(
                 call._replace(
                     position=call.position + offset[rows, None],

@@ -53,7 +53,7 @@ def test_contact_that_is_allowed_and_one_that_lasts_are_told():
         "panda_hand and left_hand",
         "at most 0.21 of 0.9 m/s (hand: a test)",
     )
-    touched = Reason(ReasonKind.IN_CONTACT, "panda_hand and left_hand", "since 12.5")
+    touched = Reason(ReasonKind.IN_CONTACT, "panda_hand and left_hand", "for 2.3 s")
     moved = Reason(ReasonKind.MOVED_BY_CONTACT, "panda_joint4", "by 0.02 rad")
     lines = announce(
         (0.0, verdict(Level.AWARE, reasons=(allowed,))), (1.0, stop(touched)), (2.0, stop(moved))
@@ -61,7 +61,7 @@ def test_contact_that_is_allowed_and_one_that_lasts_are_told():
     assert str(allowed).startswith("contact allowed: panda_hand and left_hand (at most 0.21 of 0.9")
     assert lines == [
         f"AWARE {allowed}\n",
-        "STOP  in contact: panda_hand and left_hand (since 12.5)\n",
+        "STOP  in contact: panda_hand and left_hand (for 2.3 s)\n",
         "STOP  contact moved a joint: panda_joint4 (by 0.02 rad)\n",
     ]
 

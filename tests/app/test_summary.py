@@ -193,7 +193,7 @@ def test_ticks_that_knew_nothing_have_no_contact():
     # Touching is a contact, and so is what is possible soon, whatever else is wrong.
     assert count(verdict(Level.STOP, 0.0, reasons=(contact,))).min_contact_time == 0.0
     assert count(verdict(Level.STOP, 0.1, reasons=(silent,))).min_contact_time == 0.1
-    touched = Reason(ReasonKind.IN_CONTACT, "hand and left_hand", "since 12.5")
+    touched = Reason(ReasonKind.IN_CONTACT, "hand and left_hand", "for 2.3 s")
     assert count(verdict(Level.STOP, 0.0, reasons=(touched, contact))).min_contact_time == 0.0
 
 

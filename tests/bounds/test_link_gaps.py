@@ -3,9 +3,11 @@
 import functools
 
 import numpy as np
+import pinocchio
 import pytest
 
 from armguard.bounds.arm import ArmMotion
+from armguard.bounds.link_gaps import cover_base
 from armguard.robot.kinematics import Kinematics
 from support.example_arms import load_arm
 
@@ -77,3 +79,28 @@ def test_distances_of_links_vary_unless_no_joint_lies_between(name):
     # Between them the parts own every leaf.
     owned = [leaf for part in gaps.parts for leaf in leaves_below(tree, part)]
     assert sorted(owned) == np.flatnonzero(tree.first_child < 0).tolist()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "tiago"])
+def test_the_balls_of_the_base_hold_all_that_no_joint_moves(name):
+    robot, _, gaps = arm_of(name)
+    random = np.random.default_rng(2)
+    placement = pinocchio.SE3.Random()
+    balls = cover_base(robot.fixed_points().values(), placement)
+    assert np.allclose(balls[:, 3], gaps.base[:, 3])
+    assert len(robot.fixed_points()) * 8 == len(balls) > 0
+    for points in robot.fixed_points().values():
+        weights = random.dirichlet(np.full(len(points), 0.02), 500)
+        inside = np.concatenate([weights @ points, points])
+        inside = inside @ placement.rotation.T + placement.translation
+        away = np.linalg.norm(inside[:, None] - balls[:, :3], axis=2) - balls[:, 3]
+        assert (away.min(axis=1) <= 0.0).all()
+    # Not much more than that is held.
+    assert (
+        balls[:, 3]
+        < 0.26 * np.ptp(np.concatenate(list(robot.fixed_points().values())), axis=0).sum()
+    ).all()
+
+
+def test_an_arm_of_which_nothing_stands_still_has_no_base():
+    assert cover_base([]).shape == (0, 4)

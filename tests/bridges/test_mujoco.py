@@ -16,6 +16,7 @@ from armguard.bridges.mujoco import (  # noqa: E402
     MujocoObstacles,
     add_arm,
     enclose_geom,
+    find_renderer,
 )
 
 G = mujoco.mjtGeom
@@ -320,3 +321,10 @@ def test_a_monitor_stops_an_arm_for_what_a_simulation_throws_at_it(panda):
             mujoco.mj_step(model, data)
     assert levels[0] == Level.CLEAR
     assert levels[-1] == Level.STOP
+
+
+def test_a_renderer_is_named_where_there_is_one(monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    assert find_renderer() in ("egl", "osmesa", None)
+    monkeypatch.setenv("MUJOCO_GL", "disabled")
+    assert find_renderer() is None

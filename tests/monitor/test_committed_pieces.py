@@ -1237,3 +1237,10 @@ def test_a_slow_piece_is_safe_beside_a_hand_where_contact_is_permitted(leave):
         assert answer.safe == is_safe, (limits, region)
         if not is_safe:
             assert kinds(answer) == {ReasonKind.PLAN_UNSAFE}
+            told = (limits is not None) * "may never be touched"
+            if limits is not None and region == HAND and limits.by_region["hand"].max_speed > 0.0:
+                told = (
+                    "at most 0.05 m/s and, where it can be clamped, 1e+03 mm of way are permitted"
+                )
+            assert told in answer.reasons[0].detail
+            assert (limits is None) == ("; " not in answer.reasons[0].detail)

@@ -127,7 +127,7 @@ def test_in_a_crowd_the_most_imminent_pairs_tell():
 
 
 def test_where_too_many_pairs_are_near_the_late_source_is_named_without_a_level(monkeypatch):
-    monkeypatch.setattr("armguard.monitor.late_data.MOST_PAIRS", 1)
+    monkeypatch.setattr("armguard.monitor.second_look.MOST_PAIRS", 1)
     told = [one for verdict in watch_crowd((1.0, 1.19)) for one in tell(verdict)]
     unknown = {one for one in told if one.kind is ReasonKind.LATE_DATA_UNKNOWN}
     assert len(unknown) > 10

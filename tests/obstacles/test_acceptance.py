@@ -13,6 +13,12 @@ import pytest
 from armguard.jit import kernel, pack
 from armguard.obstacles import Fault, FaultKind, Obstacles
 from armguard.obstacles.acceptance import TAKEN, _find_flaw, _is_flawless
+from armguard.obstacles.broken_bounds import (
+    BODY_LIMITS,
+    BROKEN_FACTOR,
+    BROKEN_FOR,
+    FURTHER_SAMPLES,
+)
 from armguard.obstacles.table import MOST_REFUSED, clear_changed_rows, copy_state, make_states
 from support.obstacle_samples import check_invariants, kinds, possible, refused, see
 
@@ -353,40 +359,83 @@ def test_jumps_beyond_bounds_and_errors_are_always_refused():
     assert obstacles.table.refused.sum() == count
 
 
-@pytest.mark.parametrize(
-    ("velocity", "x", "accel", "speed"),
-    [
-        (0.4, 0.002, 60.0, 2.0),  # 40 m/s² for 10 ms
-        (3.0, 0.02, None, 4.5),  # faster than it may be, of unknown acceleration
-    ],
-)
-def test_a_bound_that_was_broken_counts_with_half_as_much_again_for_two_seconds(
-    velocity, x, accel, speed
-):
-    obstacles = Obstacles(accel=10.0, speed=2.0)
-    fields = {} if accel else {"accel": INF}
-    see(obstacles, 0.0, **fields)
-    row = see(obstacles, 0.01, x=x, velocity=[[velocity, 0.0, 0.0]], **fields)
-    table = obstacles.table
-    assert (table.has_state[row], table.refused[row]) == (True, True)
-    states = [
-        (states.accel[place], states.speed[place]) for states, place, _ in possible(obstacles, row)
-    ]
-    assert len(states) == 2
-    for counted in states:
-        assert counted == pytest.approx((accel or INF, speed), rel=1e-6)
-    # The next one of that kind is one of a body that is known to be so.
-    obstacles.take_faults()
-    after = x + 0.01 * velocity
-    see(obstacles, 0.02, x=after, velocity=[[velocity, 0.0, 0.0]], **fields)
-    assert not obstacles.take_faults()
-    for stamp, counts in ((1.0, True), (2.0, True), (2.02, False)):
-        # A body that has stopped, or was never as fast.
+def punch(period, accel=60.0, speed=5.0, begins=0.1):
+    """Stamps, places and velocities of a body at rest that begins to move, and keeps its speed."""
+    stamps = np.arange(0.0, 0.5, period)
+    since = np.maximum(stamps - begins, 0.0)
+    ramp = np.minimum(since, speed / accel)
+    return stamps, 0.5 * accel * ramp**2 + speed * (since - ramp), accel * ramp
+
+
+def allows(states, place, age, x):
+    """Whether a body in this state can be at a place on the x axis after some time."""
+    stray = abs(x - states.points[place, 0, 0] - states.velocities[place, 0, 0] * age)
+    reach = (states.velocity_error[place] + 0.5 * states.accel[place] * age) * age
+    return stray <= states.position_error[place] + reach + 1e-9
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.033])
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_body_that_moved_keeps_wider_bounds_for_a_while(period, is_known):
+    obstacles, table = Obstacles(), None
+    for stamp, x, velocity in zip(*punch(period), strict=True):
+        told = {"velocity": [[velocity, 0.0, 0.0]] if is_known else None, "position_error": 1e-3}
+        row = see(obstacles, stamp, x, **told)
+        table = obstacles.table
+        # The body is where one of the states that may be true allows it to be.
+        assert any(
+            allows(states, place, age, x) for states, place, age in possible(obstacles, row, stamp)
+        )
+    breaks = table.breaks
+    assert breaks.until[row] > 0.1 + BROKEN_FOR
+    assert table.speed[row] >= 5.0
+    if is_known:
+        assert table.accel[row] == pytest.approx(BROKEN_FACTOR * 60.0, rel=0.2)
+    after = float(breaks.until[row])
+    for late in (0.0, 1e-3):
         obstacles.remove(["b"])
-        see(obstacles, stamp, x=after, **fields)
-        told = table.accel[row], table.speed[row]
-        assert (told == pytest.approx((accel or INF, speed), rel=1e-6)) == counts
-    assert (table.accel[row], table.speed[row]) == (INF if not accel else 10.0, 2.0)
+        see(obstacles, after + late, x, position_error=50.0, velocity_error=50.0)
+        assert (table.accel[row] > 10.0) == (late == 0.0)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.033])
+@pytest.mark.parametrize("jump", [0.05, 0.2, 1.0])
+def test_a_jump_leaves_no_wider_bounds(period, jump):
+    obstacles = Obstacles()
+    for k in range(40):
+        there = 0.0 if k < 10 else jump
+        row = see(obstacles, period * k, there, position_error=2e-3)
+        table = obstacles.table
+        states = possible(obstacles, row)
+        widest = max(states.accel[place] for states, place, _ in states)
+        is_decided = k < 10 or k >= 10 + FURTHER_SAMPLES
+        may_be_wide = not is_decided and 2.0 * (jump - 4e-3) / period**2 < BODY_LIMITS[1]
+        assert widest == 10.0 or may_be_wide
+    assert table.points[row, 0, 0] == jump
+    obstacles.forget_refused(period * k, 0.3)
+    obstacles.forget_refused(period * k + 0.31, 0.3)
+    assert len(possible(obstacles, row)) == 1
+
+
+def test_of_an_undecided_sample_both_explanations_count():
+    """The state of before as it was, the sample as it is stated, and with what it may show."""
+    obstacles = Obstacles()
+    see(obstacles, 0.0)
+    row = see(obstacles, 0.01, x=0.002, velocity=[[0.4, 0.0, 0.0]])
+    counted = [states.accel[place] for states, place, _ in possible(obstacles, row)]
+    assert counted == pytest.approx([10.0, 10.0, 1.5 * 40.0], rel=1e-6)
+    # Nothing more comes: then all of that ends with the refused sample.
+    obstacles.forget_refused(0.01, 0.3)
+    obstacles.forget_refused(0.32, 0.3)
+    assert len(possible(obstacles, row)) == 1
+
+
+def test_a_touched_body_shows_nothing_of_its_bounds():
+    obstacles = Obstacles()
+    row = see(obstacles, 0.0)
+    obstacles.table.touched[row] = True
+    see(obstacles, 0.01, x=0.002, velocity=[[0.4, 0.0, 0.0]])
+    assert {states.accel[place] for states, place, _ in possible(obstacles, row)} == {10.0}
 
 
 def test_another_track_breaks_no_bound():
@@ -401,6 +450,7 @@ def test_another_track_breaks_no_bound():
         # But what is faster than it may be counts with what was seen, for itself.
         speed = table.refused_states.speed[row * MOST_REFUSED]
         assert speed == max(2.0, 1.5 * abs(velocity))
+        assert table.breaks.further[row] == 0
 
 
 def test_bounds_that_others_broke_or_said_before_do_not_count():
@@ -613,3 +663,62 @@ def test_the_accepted_state_holds_the_truth_and_no_vaguer_sample_takes_from_it(s
         assert np.linalg.norm(place - seen - heading * age) <= room + 1e-9
         assert np.linalg.norm(pace - heading) <= velocity_room + accel * age + 1e-9
     assert kept > 30
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_known_is_within_the_sample_or_what_was_known(seed):
+    """Whatever bounds, errors and radius a later sample states: sets of places and velocities."""
+    random = np.random.default_rng(seed)
+    kept = 0
+    for _ in range(100):
+        obstacles = Obstacles()
+        states, h = obstacles.table.accepted, random.uniform(1e-3, 0.2)
+        told = [
+            {
+                "accel": random.choice([5.0, 20.0]),
+                "speed": random.choice([2.0, 3.0]),
+                "radius": random.choice([0.1, 0.1, 0.2]),
+                "position_error": random.choice([0.01, 0.5]),
+                "velocity_error": random.choice([0.05, 3.0]),
+            }
+            for _ in range(2)
+        ]
+        row = see(obstacles, 0.0, velocity=[[0.5, 0.0, 0.0]], **told[0])
+        see(obstacles, h, 0.5 * h, velocity=[[0.5, 0.0, 0.0]], **told[1])
+        assert not obstacles.take_faults()
+        # Rooms of the body, and of its velocity, both about the same place and velocity.
+        accel = max(told[0]["accel"], told[1]["accel"])
+        rate = told[0]["velocity_error"] + accel * h
+        room = told[0]["position_error"] + (told[0]["velocity_error"] + 0.5 * accel * h) * h
+        room += told[0]["radius"]
+        stated = told[1]["position_error"] + told[1]["radius"]
+        found = states.position_error[row] + states.radius[row]
+        assert states.points[row, 0, 0] == pytest.approx(0.5 * h)
+        assert found <= stated * (1.0 + 1e-12)
+        assert states.velocity_error[row] <= told[1]["velocity_error"]
+        # It is one of the two sets, so the truth, which lies in both, lies in it.
+        assert found == pytest.approx(stated) or found == pytest.approx(room)
+        surer = states.velocity_error[row]
+        assert surer == pytest.approx(told[1]["velocity_error"]) or surer == pytest.approx(rate)
+        if told[1]["radius"] > told[0]["radius"]:
+            assert states.radius[row] == told[1]["radius"]
+            assert found == pytest.approx(stated)
+        elif told[1]["radius"] == told[0]["radius"]:
+            assert found <= room * (1.0 + 1e-9)
+            assert surer <= rate * (1.0 + 1e-9)
+        assert (states.accel[row], states.speed[row]) == (told[1]["accel"], told[1]["speed"])
+        kept += found < stated or surer < told[1]["velocity_error"]
+    assert kept > 0
+
+
+@pytest.mark.parametrize(("stamp", "points"), [(1.0, 1), (0.99, 1), (1.2, 1), (1.01, 3)])
+def test_without_limits_of_a_body_nothing_is_made_of_samples_that_cannot_be_compared(stamp, points):
+    table = Obstacles(accel=10.0, speed=2.0, body_limits=(np.inf, np.inf))
+    table.update(["hand"], 1.0, [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], radius=0.1)
+    places = np.full((1, points, 3), 5.0)
+    table.update(["hand"], stamp, places, np.zeros((1, points, 3)), radius=0.1)
+    assert table.take_faults()
+    breaks, row = table.table.breaks, table.row("hand")
+    assert breaks.further[row] == 0
+    assert (breaks.accel[row], breaks.speed[row]) == (0.0, 0.0)
+    assert (table.table.accel[row], table.table.speed[row]) == (10.0, 2.0)

@@ -7,7 +7,7 @@ import pytest
 
 from armguard.jit.kernels import kernel
 from armguard.obstacles import Obstacles
-from armguard.obstacles.possible_states import possible_states, state_at, widen_to_cover
+from armguard.obstacles.possible_states import COVERING, possible_states, state_at, widen_to_cover
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import MOST_REFUSED, make_states
 from support.obstacle_samples import check_invariants, possible, refused, see
@@ -43,7 +43,7 @@ def test_compiled_code_and_python_see_the_same_states():
     assert age == 0.0
 
 
-def test_four_samples_that_disagree_are_kept_and_with_a_fifth_it_could_be_anywhere():
+def test_four_samples_that_disagree_are_kept_and_one_of_them_grows_to_cover_a_fifth():
     obstacles = Obstacles()
     row = see(obstacles, 0.0)
     for k in range(1, 5):
@@ -51,8 +51,15 @@ def test_four_samples_that_disagree_are_kept_and_with_a_fifth_it_could_be_anywhe
         assert not obstacles.table.unknown[row]
     assert refused(obstacles, row) == [10.0, 20.0, 30.0, 40.0]
     see(obstacles, 0.05, x=50.0)
-    assert obstacles.table.unknown[row]
-    assert possible(obstacles, row) == []
+    assert not obstacles.table.unknown[row]
+    assert refused(obstacles, row) == [10.0, 20.0, 30.0, 40.0]
+    for x in (0.0, 10.0, 20.0, 30.0, 40.0, 50.0):
+        # Each is where a state allows it to be: within its errors, and what bounds add until then.
+        assert any(
+            abs(states.points[place, 0, 0] - x)
+            <= states.position_error[place] + (states.velocity_error[place] + 0.2) * 0.04 + 1e-6
+            for states, place, _ in possible(obstacles, row)
+        )
     check_invariants(obstacles)
     # Another body's are its own.
     assert len(possible(obstacles, see(obstacles, 0.05, id="b"))) == 1
@@ -171,7 +178,7 @@ def test_a_state_that_covers_another_sample_bounds_all_that_becomes_of_it():
         sample.points[1, :count], sample.velocities[1, :count] = x1, v1
         sample.point_count[1], sample.stamp[1] = count, h
         sample.position_error[1], sample.velocity_error[1] = error, rate_error
-        done = widen_to_cover(states, 0, Record(sample, 1, *mine))
+        done = widen_to_cover(states, 0, Record(sample, 1, *mine), COVERING)
         if not done:
             refused_to += 1
             after = [array[0] for array in states]

@@ -12,15 +12,16 @@ from armguard.obstacles import Obstacles
 from armguard.obstacles.reference_states import keep_reference_state
 from armguard.obstacles.regions import ContactLimit, RegionLimits
 from armguard.pairs.clamping import (
-    MOST_NEAR,
     Clamp,
+    find_clamp,
+    find_near_obstacles,
     find_short_way_node,
     is_obstacle_near,
     is_same_person,
 )
-from armguard.pairs.contact_time import find_near, find_sphere_clamp, moves_of, sphere_of
+from armguard.pairs.contact_time import moves_of
 from armguard.pairs.evaluate import TickState
-from armguard.pairs.scene import prepare_arm
+from armguard.pairs.scene import MOST_NEAR, prepare_arm, sphere_of
 from armguard.robot.kinematics import Kinematics
 from support.example_arms import load_arm
 
@@ -49,17 +50,17 @@ def ask_clamp(handle, link, node, row, brakes, gap, thickness):
     scene = handle.content
     table = scene.braking if brakes else scene.table
     last = table.time.shape[0] - 1
-    near = find_near(scene, link, row, table, last, NOW, gap)
     limit = ContactLimit(1.0, 1.0, gap, thickness)
-    return near, find_sphere_clamp(scene, node, table, last, NOW, near, limit)
+    near = find_near_obstacles(scene, link, row, table, last, NOW, limit)
+    return near, find_clamp(scene, node, table, last, NOW, near, limit)
 
 
 @kernel
-def ask_short(handle, node, by_link, by_obstacle, speed, max_way):
+def ask_short(handle, node, links, by_obstacle, speed, max_way):
     scene = handle.content
     return find_short_way_node(
         sphere_of(scene, node), scene.tree.radius[node], moves_of(scene, node), scene.braking,
-        scene.clamp_room.weight, Clamp(by_link, by_obstacle, speed), max_way,
+        scene.clamp_room.closing, Clamp(links, by_obstacle, speed), max_way,
     )  # fmt: skip
 
 
@@ -166,6 +167,9 @@ def test_nothing_that_could_clamp_is_missed(name):
                 apart -= tree.radius + tree.radius[leaf]
                 between = (moves != moves[leaf]).sum(axis=1)
                 by_link = bool((apart[leaves] <= GAP)[between[leaves] > 1].any())
+                for points in world.robot.fixed_points().values():
+                    away = distance_to_hull(centers[leaf], points, world.random)
+                    by_link |= bool(away <= tree.radius[leaf] + GAP)
                 reach = tree.radius[leaf] + 0.03 + GAP
                 by_obstacle = any(
                     distance_to_hull(centers[leaf], points, world.random) <= reach
@@ -173,7 +177,7 @@ def test_nothing_that_could_clamp_is_missed(name):
                 )
                 node = leaf
                 while node >= 0:
-                    assert said[node].by_link or not by_link
+                    assert said[node].links > 0 or not by_link
                     assert said[node].by_obstacle or not by_obstacle
                     node = tree.parent[node]
                 clamps += by_link + by_obstacle
@@ -232,7 +236,7 @@ def test_of_what_nothing_is_known_counts_as_near():
     table.reference_states.points[world.rows[1]] += 90.0
     assert not world.clamp(link, node)[1].by_obstacle
     table.marks.refused[world.rows[1]] = True
-    assert world.clamp(link, node)[1] == (world.clamp(link, node)[1].by_link, True, np.inf)
+    assert world.clamp(link, node)[1] == (world.clamp(link, node)[1].links, True, np.inf)
     table.marks.refused[world.rows[1]] = False
     table.reference_states.point_count[world.rows[1]] = 0
     assert world.clamp(link, node)[1].by_obstacle
@@ -281,6 +285,7 @@ def test_who_is_of_one_person():
     for name, source, region in [
         ("p1/hand", "a", "hand"), ("p1/head", "a", "head"), ("p2/hand", "a", "hand"),
         ("p1/hand", "b", "hand"), ("p1/table", "a", ""),
+        ("p1", "a", "chest"), ("hand", "a", "hand"), ("head", "a", "head"), ("/arm", "a", "hand"),
     ]:  # fmt: skip
         obstacles.update(
             [name], NOW, [[2.0, 0.0, 0.0]], [[0.0] * 3], radius=0.1, source=source, region=region
@@ -288,15 +293,19 @@ def test_who_is_of_one_person():
     _, kinematics, motion, _ = arm_of("panda")
     none = RegionLimits(*(np.zeros(0) for _ in range(4)))
     state = TickState(kinematics, motion, obstacles, margin=0.0, contact_limits=none)
-    first = obstacles.row("p1/hand", "a")
 
-    def is_same(name, source="a"):
-        return ask_person(state.handle, first, obstacles.row(name, source))
+    def is_same(name, source="a", first="p1/hand"):
+        rows = obstacles.row(first, "a"), obstacles.row(name, source)
+        return ask_person(state.handle, *rows)
 
     assert is_same("p1/head")
     assert not is_same("p2/hand")
     assert not is_same("p1/hand", "b")
     assert not is_same("p1/table")
+    # Ids that name no person may be of two.
+    for name in ("p1", "hand", "/arm"):
+        assert not is_same(name)
+        assert not is_same("head", first=name)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -337,26 +346,24 @@ def test_a_short_way_is_not_exceeded(name):
         for node in random.choice(np.flatnonzero(tree.first_child < 0), 6):
             max_way = random.choice([0.002, 0.01, 0.05])
             _, clamp = world.clamp(link_of[node], node, gap=0.5)
-            by_obstacle = ask_short(world.state.handle, node, False, True, 0.0, max_way)
-            by_link = ask_short(world.state.handle, node, True, False, 0.0, max_way)
-            weights = world.state.scene.clamp_room.weight > 0.0
+            by_obstacle = ask_short(world.state.handle, node, 0, True, 0.0, max_way)
+            by_link = ask_short(world.state.handle, node, clamp.links, False, 0.0, max_way)
+            parts = world.gaps.parts[world.gaps.variation[node] > 0.0]
             for trace in traces:
                 later = trace[times >= table.time[by_obstacle], node]
                 if len(later):
                     gone = np.linalg.norm(later - later[0], axis=1).max()
                     closest[0] = max(closest[0], gone / max_way)
                 later = trace[times >= table.time[by_link]]
-                if not (clamp.by_link and len(later) and weights.any()):
+                if len(later) < 2:
                     continue
-                apart = np.linalg.norm(later - later[:, node, None], axis=2)
-                moves = world.kinematics.placement.moves[world.kinematics.placement.joint]
-                # Of all pairs, whether near or not, that depend on weighed joints alone.
-                depends = ~((moves != moves[node]) & ~weights).any(axis=1)
-                closes = (apart[0] - apart.min(axis=0))[depends].max(initial=0.0)
-                near = (apart[0] - tree.radius - tree.radius[node] <= 0.5)[depends]
-                if near.any():
-                    closes = (apart[0] - apart.min(axis=0))[depends][near].max()
-                    closest[1] = max(closest[1], closes / max_way)
+                apart = np.linalg.norm(later[:, parts] - later[:, node, None], axis=2)
+                near = apart - tree.radius[parts] - tree.radius[node] <= 0.5
+                assert clamp.links > 0 or not near.any()
+                # What is pressed may slip to the gap that closes fastest, again and again.
+                falls = np.where(near[1:], -np.diff(apart, axis=0), 0.0)
+                closes = falls.max(axis=1, initial=0.0).sum()
+                closest[1] = max(closest[1], closes / max_way)
     assert (closest <= 1.0).all(), closest
     assert closest[0] > 0.2
     assert closest[1] > 0.01
@@ -374,8 +381,21 @@ def way_between(world, node, part):
     return (arms * table.box.span[2])[moved[node] != moved[part]].sum() + errors
 
 
+def way_to_base(world, node):
+    """How far a sphere can come nearer to what no joint moves by then, in [m]."""
+    placement, table = world.kinematics.placement, world.motion.braking.table
+    lever, radius = world.motion.joint.lever[node], world.kinematics.spheres.tree.radius[node]
+    moved = placement.moves[placement.joint[node]]
+    set_span(table, 0, len(table.time) - 1, 1.0)
+    arms = lever + np.where(table.box.turning, radius, 0.0)
+    return (arms * table.box.span[2])[moved].sum() + lever @ world.robot.position_error
+
+
 def test_another_link_counts_from_the_gap_on_that_it_can_close():
-    """By a reference in NumPy, for neighbours as well whose distance varies by enough."""
+    """From its distance on in any case, and not before what levers allow for.
+
+    For neighbours as well whose distance varies by enough.
+    """
     checked = 0
     for seed in range(6):
         world = World("panda", seed, count=0)
@@ -388,20 +408,20 @@ def test_another_link_counts_from_the_gap_on_that_it_can_close():
             apart -= tree.radius[gaps.parts] + tree.radius[node]
             left = apart - [way_between(world, node, part) for part in gaps.parts]
             neighbours = np.flatnonzero((varies > 0.03) & np.isfinite(varies))
-            least = left[np.isinf(varies)].min(initial=np.inf)
+            to_base = np.linalg.norm(gaps.base[:, :3] - centers[node], axis=1) - gaps.base[:, 3]
+            to_base -= tree.radius[node]
             if len(neighbours) == 0 or not left[neighbours].min() > 1e-3:
                 continue
             nearest = neighbours[left[neighbours].argmin()]
-            for thickness, gap in (
-                (varies[nearest] - 0.01, min(least, left[(varies > varies[nearest] - 0.01)].min())),
-                (10.0, least),
-            ):
-                if not gap > 1e-3:
-                    continue
-                for off, expected in ((-1e-6, False), (1e-6, True)):
-                    clamp = world.clamp(link_of[node], node, gap=gap + off, thickness=thickness)[1]
-                    assert clamp.by_link == expected, (seed, node, thickness)
-                checked += thickness < 10.0
+            for thickness in (varies[nearest] - 0.01, 10.0):
+                counts = varies > thickness
+                before = min(left[counts].min(), to_base.min() - way_to_base(world, node))
+                there = min(apart[counts].min(), to_base.min())
+                for gap, expected in ((before - 1e-6, False), (there + 1e-6, True)):
+                    if gap > 1e-3:
+                        clamp = world.clamp(link_of[node], node, gap=gap, thickness=thickness)[1]
+                        assert (clamp.links > 0) == expected, (seed, node, thickness)
+                        checked += thickness < 10.0
     assert checked > 5
 
 
@@ -413,14 +433,15 @@ def test_a_way_counts_to_either_side_and_with_what_moves_by_itself(sign):
     table = world.motion.braking.table
     link = len(world.robot.links) - 1
     node = world.kinematics.spheres.tree.root[link]
-    world.clamp(link, node, gap=50.0)
-    pace = np.maximum(np.abs(table.fastest), np.abs(table.slowest))[:-1]
-    steps = np.diff(table.time) * (pace @ world.state.scene.clamp_room.weight)
+    links = world.clamp(link, node, gap=50.0)[1].links
+    forth, back = np.moveaxis(world.state.scene.clamp_room.closing[:links], 1, 0)
+    rates = np.maximum(forth[:, None] * table.fastest[:-1], back[:, None] * -table.slowest[:-1])
+    steps = np.diff(table.time) * rates.sum(axis=2).max(axis=0)
     left = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
     for max_way in np.array([0.1, 0.3, 0.7]) * left[0]:
-        found = ask_short(world.state.handle, node, True, False, 0.0, max_way)
+        found = ask_short(world.state.handle, node, links, False, 0.0, max_way)
         assert found == np.argmax(left <= max_way)
     rest = table.time[-1] - table.time
     for max_way in (0.1, 0.5):
-        found = ask_short(world.state.handle, node, False, True, 50.0, max_way)
+        found = ask_short(world.state.handle, node, 0, True, 50.0, max_way)
         assert 50.0 * rest[found] <= max_way

@@ -83,6 +83,38 @@ def test_points_in_a_frame():
     assert (~there).any()
 
 
+def test_a_trail_takes_what_is_close_behind_the_shell_on_a_ray_and_nothing_else():
+    """Rays are walked back in steps of a millimetre, which errs by half of that."""
+    random = np.random.default_rng(5)
+    trail, camera = 0.15, np.array([1.4, 0.3, 1.8])
+    plain, chosen = CloudFilter(panda()), CloudFilter(panda(), trail=trail)
+    lens = Frame([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.5, 0.0, 1.0])
+    points = random.uniform([-0.5, -0.6, -0.1], [0.8, 0.6, 1.2], (4000, 3))
+    ray = camera - points
+    away = np.linalg.norm(ray, axis=1, keepdims=True)
+    steps = np.arange(0.0, trail + 5e-4, 1e-3)
+    least = np.array(
+        [plain.find_others(points + min(step, trail) * ray / away, HOME) for step in steps]
+    ).all(axis=0)
+    others = chosen.find_others(points, HOME, origin=camera)
+    assert not (others & ~least).any()  # nothing that touches on the way is left
+    grown = CloudFilter(panda(), shell=0.021, trail=trail).find_others(points, HOME, origin=camera)
+    assert (least >= grown).all()
+    assert (plain.find_others(points, HOME) & ~others).sum() > 50
+    inverse = (points - lens.translation) @ lens.rotation
+    seen_from = (camera - lens.translation) @ lens.rotation
+    assert (chosen.find_others(inverse, HOME, lens, seen_from) == others).mean() > 0.999
+    # A point before the arm, and one in the camera, have no trail that reaches it.
+    near = camera + 0.3 * (np.array([0.0, 0.0, 0.3]) - camera)
+    assert chosen.find_others([near, camera], HOME, origin=camera).all()
+
+
+@pytest.mark.parametrize("origin", [None, [0.0, 0.0], [0.0, np.nan, 0.0]])
+def test_a_trail_needs_to_know_where_rays_begin(origin):
+    with pytest.raises(ArmguardError, match="origin"):
+        CloudFilter(panda(), trail=0.1).find_others(np.zeros((1, 3)), HOME, origin=origin)
+
+
 @pytest.mark.parametrize(
     ("points", "q", "offender"),
     [
@@ -97,7 +129,7 @@ def test_what_makes_no_sense_is_refused_by_name(points, q, offender):
         CloudFilter(panda()).find_others(points, q)
 
 
-@pytest.mark.parametrize("name", ["shell", "time_error"])
+@pytest.mark.parametrize("name", ["shell", "time_error", "trail"])
 @pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
 def test_a_shell_is_a_length(name, value):
     with pytest.raises(ArmguardError, match=f"^{name}"):

@@ -22,11 +22,10 @@ from armguard.pairs.contact_time import (
     pair_time,
     rests_in_time,
     root_time,
-    sphere_of,
 )
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.hull_distance import HullDistance
-from armguard.pairs.scene import ISOTROPIC, JOINT, REACH
+from armguard.pairs.scene import ISOTROPIC, JOINT, REACH, sphere_of
 from armguard.robot import Kinematics
 from support.panda_monitor import panda
 from support.tick_states import begin_tick

@@ -53,9 +53,17 @@ def test_a_static_far_off_does_not():
     assert set(speeds_beside(TIP, table=[3.0, 0.0, 0.0]).tolist()) == {NOTHING}
 
 
-@pytest.mark.parametrize(("other", "counts"), [("right_hand", False), ("anna/hand", True)])
-def test_another_part_counts_where_it_is_of_another_person(other, counts):
-    found = speeds_beside(TIP, ids=("left_hand", other))
+@pytest.mark.parametrize(
+    ("ids", "counts"),
+    [
+        (("anna/left_hand", "anna/right_hand"), False),
+        (("anna/left_hand", "ben/right_hand"), True),
+        (("anna/left_hand", "right_hand"), True),
+        (("left_hand", "right_hand"), True),
+    ],
+)
+def test_another_part_counts_unless_it_is_the_same_persons(ids, counts):
+    found = speeds_beside(TIP, ids=ids)
     assert (found.max() > 0.0) == counts
 
 

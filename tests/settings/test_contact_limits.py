@@ -109,9 +109,12 @@ def test_0_is_never(way, own):
         ({"speed": 0.9, "source": ""}, "^source: is ''; expected where the numbers come from"),
         ({"speed": 0.9, "source": " \n"}, "^source: is .*; expected where the numbers come from"),
         ({"speed": 0.9, "source": None}, "^source: is None; expected text"),
-        ({}, "^limit: is stated by none; expected exactly one of speed, energy, force"),
-        ({"body_mass": 0.6}, "^limit: is stated by none"),
-        ({"speed": 0.9, "energy": 0.5, "body_mass": 1.0}, "^limit: speed, energy: are all given"),
+        ({}, "^speed: is missing, like energy and force; expected exactly one of speed, energy"),
+        ({"body_mass": 0.6}, "^speed: is missing, like energy and force"),
+        (
+            {"speed": 0.9, "energy": 0.5, "body_mass": 1.0},
+            "^energy: is given beside speed; expected exactly one of speed, energy, force",
+        ),
         ({"energy": 0.5}, "^body_mass: is missing beside energy"),
         ({"force": 140.0, "body_mass": 0.6}, "^stiffness: is missing beside force"),
         ({"force": 140.0, "stiffness": 75e3}, "^body_mass: is missing beside force"),
@@ -127,6 +130,8 @@ def test_what_makes_no_limit_is_refused_in_one_line(changes, message):
     with pytest.raises(ArmguardError, match=message) as found:
         make_limit(**changes)
     assert "\n" not in str(found.value)
+    # A cell file's error names this key.
+    assert found.value.offender in ContactLimit.__struct_fields__
 
 
 def test_a_limit_without_a_source_is_refused():
@@ -203,3 +208,22 @@ def test_an_impact_may_press_harder_than_a_clamp():
 def test_an_impact_that_may_press_less_is_refused(stated):
     with pytest.raises(ArmguardError, match="transient_force"):
         ContactLimit(**stated, source="a study")
+
+
+def test_what_is_permitted_and_what_never_is_told_by_region_and_source():
+    hand = make_limit(force=150.0, stiffness=75e3, body_mass=0.75, source="A")
+    limits = ContactLimits({"hand": hand, "chest": make_limit(speed=0.2, source="B"),
+                            "neck": make_limit(speed=0.0, source="C")})  # fmt: skip
+    number = {region: 1 << NUMBERS[region] for region in REGIONS}
+    told = limits.describe_permitted
+    assert told(number["hand"]) == (
+        "at most 0.632 m/s and, where it can be clamped, 2 mm of way are permitted (hand: A)"
+    )
+    assert told(number["hand"] | number["chest"]) == (
+        "at most 0.2 m/s and, where it can be clamped, 0 mm of way are permitted (chest: B)"
+    )
+    assert limits.describe(number["hand"] | number["chest"], by="max_way") == "chest: B"
+    never = "may never be touched"
+    assert told(number["hand"] | number["neck"]) == f"{never} (neck: C)"
+    assert told(number["head"]) == f"{never} (head: no limit is stated for it)"
+    assert told(number["hand"] | 1) == told(0) == f"{never}: its region is not stated"

@@ -352,3 +352,34 @@ def test_a_monitor_of_another_motion_is_refused():
     monitor = Monitor(Robot.load("panda"), Obstacles(sources=[]))
     with pytest.raises(ArmguardError, match="planned"):
         Shield(monitor, jerk=100.0)
+
+
+@pytest.mark.parametrize("now", [np.nan, np.inf, -np.inf, -1e9, None, "noon"])
+@pytest.mark.parametrize("steps", [0, 50])
+def test_a_time_that_is_none_leaves_the_arm_on_its_motion(now, steps):
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for _ in range(steps):
+        before = arm.step()
+    command = arm.shield.step(now, arm.q, arm.v)
+    assert not command.is_new
+    assert command.stop == BRAKE or now == -1e9
+    if steps:
+        assert command.moving
+        assert command.stop == BRAKE
+        assert np.array_equal(command.times, before.times)
+    else:
+        assert not command.moving
+
+
+@pytest.mark.parametrize("place", [4.0, 1e5, -1e9, 1e300])
+@pytest.mark.parametrize("wish", [{}, {"velocity": NEAR}, {"chunk": [HOME] * 3}])
+def test_an_arm_that_says_it_is_where_it_cannot_be_is_not_moved(place, wish):
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for tick in range(3):
+        command = arm.shield.step(tick / 250.0, np.full(7, place), np.zeros(7), **wish)
+        assert not command.moving
+        assert not command.is_new
+        assert command.stop == BRAKE
+        assert command.verdict.level is Level.STOP

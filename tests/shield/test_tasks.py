@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from armguard.shield.changes import MotionError
 from armguard.shield.motion import Rest
 from armguard.shield.path import Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity
@@ -90,7 +91,19 @@ def test_points_that_nobody_accepts_are_dropped():
     task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
     motion = first(task, rest, 0.0)
     assert task.count_passed(motion) == 1
+    # It goes on to where its stop begins, also where no more is proved.
+    assert len(list(task.offer(motion, 0.01))) == 2
+    assert list(task.offer(motion, 0.02)) == []
+    assert task.count_passed(motion) == 1
+    assert task.find_scale(motion, AHEAD) == 1.0
+    assert task.find_scale(motion, AHEAD + 0.01) == 0.0
+    # A motion that some other task made passes none.
+    other = KeepVelocity(LIMITS, LOWER, UPPER, PERIOD, AHEAD)
+    other.velocity = np.ones(3)
+    assert task.count_passed(first(other, rest, 0.0)) == 0
     # On another motion the rest of the points counts no more.
+    task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
+    assert first(task, rest, 0.0) is not None
     assert list(task.offer(Rest(np.ones(3) * 0.5, 0.1), 0.1)) == []
 
 
@@ -102,3 +115,11 @@ def test_points_beyond_position_limits_are_clipped():
         motion = first(task, motion, begin) or motion
         begin += PERIOD
     assert motion.sample(np.array([begin])).q[0][0] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("far", [10.5, 1e5, 1e300])
+def test_far_from_its_path_an_arm_is_not_led_back(far):
+    """A joint that turns for ever may be that far from it."""
+    paths = FollowPaths([Path([[0.0] * 3, [0.5, 0.2, -0.3]])], LIMITS, PERIOD, AHEAD)
+    with pytest.raises(MotionError, match="path: is more than 10 rad or m from"):
+        list(paths.offer(Rest(np.full(3, far), 0.0), 0.1))

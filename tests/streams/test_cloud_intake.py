@@ -19,7 +19,7 @@ def cloud(**changes):
 
 def make_cloud_world(**options):
     """One whose arm is at x < 1 m, at any position."""
-    own = OwnPoints(lambda points, q, frame: ~(points[:, 0] < 1.0), 0.01)
+    own = OwnPoints(lambda points, q, frame, origin: ~(points[:, 0] < 1.0), 0.01)
     world = World(**({"own_points": own} | options))
     world.edge.drain([Messages(joints())])
     return world
@@ -47,7 +47,7 @@ def test_a_cloud_becomes_voxels_without_the_arm_and_the_background(shown):
 
 def test_the_arm_is_taken_out_by_the_joint_state_that_is_nearest_to_the_cloud():
     seen = []
-    own = OwnPoints(lambda points, q, _: seen.append(q[0]) or points[:, 0] > 1.0, 0.002)
+    own = OwnPoints(lambda points, q, *_: seen.append(q[0]) or points[:, 0] > 1.0, 0.002)
     world = World(own_points=own)
     for k in range(10):
         stamp = MONOTONIC + 4.9 + 0.01 * k
@@ -62,7 +62,7 @@ def test_the_arm_is_taken_out_by_the_joint_state_that_is_nearest_to_the_cloud():
 
 
 def test_without_a_joint_state_all_points_count():
-    world = World(own_points=OwnPoints(lambda points, q, frame: points[:, 0] > 1.0, 1.0))
+    world = World(own_points=OwnPoints(lambda points, q, *_: points[:, 0] > 1.0, 1.0))
     world.send(cloud(points=[[0.51, 0.01, 0.01]]))
     assert "voxel 10 0 0" in world.obstacles.ids
     assert world.kinds() == ["arm not taken out"]

@@ -25,12 +25,14 @@ def test_a_source_without_a_clock_is_as_old_and_uncertain_as_it_may_be():
     world = World(stamp_clocks={"cam0": StampClock("arrival", 0.1)}, speed=2.0, accel=10.0)
     world.edge.drain([world.input])
     world.clock.sleep_until(5.05)
-    world.send(obstacles(stamp=0.0), obstacles(stamp=0.0, seq=2, speed=[3.0]))
+    first = obstacles(stamp=0.0, speed=[3.0])
+    world.send(first, obstacles(stamp=0.0, seq=2), {**first, "ids": ["b"], "seq": 3})
     accepted, row = world.obstacles.table.accepted, world.obstacles.row("a")
     # It arrived at some time since the last drain, and was measured up to 0.1 s before that.
     assert world.stamp() == pytest.approx(4.9, abs=1e-6)
     assert world.stamp() > 4.9 + 1e-9  # the second of two does not look simultaneous
-    assert accepted.position_error[row] == pytest.approx(3.0 * 0.15, rel=1e-6)
+    assert accepted.position_error[row] == pytest.approx(2.0 * 0.15, rel=1e-6)
+    assert accepted.position_error[world.obstacles.row("b")] == pytest.approx(0.45, rel=1e-6)
     assert accepted.velocity_error[row] == pytest.approx(10.0 * 0.15, rel=1e-6)
     assert world.obstacles.take_faults() == []
 

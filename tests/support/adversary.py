@@ -149,8 +149,10 @@ class Hunt:
         self.obstacles = Obstacles()
         self.monitor = Monitor(robot, self.obstacles, **self.settings)
         if permissions and not gap > 0.0:
-            # No part is thin enough: else some link is always near, and nothing harmless for long.
-            self.monitor._scheduler.arm.state.scene.contact_limits.thickness.fill(np.inf)
+            # Nothing of the arm counts: some link is always near, and nothing harmless for long.
+            scene = self.monitor._scheduler.arm.state.scene
+            scene.contact_limits.thickness.fill(np.inf)
+            scene.link_gaps.base[:, 3] = -np.inf
         self.score = Score()
         self.start = self.tick = 0
         self.begin()

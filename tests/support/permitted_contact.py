@@ -30,6 +30,22 @@ def find_front():
     return kinematics.centers[front].copy(), float(spheres.radius[front])
 
 
+def find_columns():
+    """Columns of the Jacobian of the front sphere's centre, and axes of the joints, (3, nv)."""
+    kinematics = Kinematics(panda())
+    kinematics.compute(HOME, STILL)
+    center, _ = find_front()
+    jacobian = np.array(kinematics.placement.jacobian)
+    return (jacobian[:, :3] + np.cross(jacobian[:, 3:], center)).T, jacobian[:, 3:].T
+
+
+def go_straight(velocity):
+    """Joint velocities that move the last link so, in [m]/[s], without turning it."""
+    columns, axes = find_columns()
+    wanted = np.concatenate([velocity, np.zeros(3)])
+    return np.linalg.lstsq(np.concatenate([columns, axes]), wanted, rcond=None)[0]
+
+
 class Encounter:
     """The arm at rest or nearly so, and a hand before it.
 

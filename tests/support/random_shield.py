@@ -1,9 +1,10 @@
 """A shield to which anything happens: what it is asked, what it sees, and what the arm does.
 
-Balls move beside a Panda within their bounds, and most of the time they hunt it. Some samples of
-them are late, wrong by as much as is stated, or wrong beyond all bounds; at times there are none.
-The arm is as far off its commands as it may be, and its joint states are off by their errors, late,
-or no numbers. Callers fall silent, ask for what cannot be done, change the payload, and reset.
+Balls move beside a Panda within their bounds, near it or far away, and most of the time they hunt
+it. Some samples of them are late, wrong by as much as is stated, or wrong beyond all bounds; at
+times there are none. The arm is as far off its commands as it may be, and its joint states are off
+by their errors, late, or no numbers. Callers fall silent, ask for what cannot be done, tell times
+that are none, change the payload, and reset.
 
 Every command is looked at by other means than those that made it, see `RandomShield`.
 """
@@ -11,7 +12,7 @@ Every command is looked at by other means than those that made it, see `RandomSh
 from __future__ import annotations
 
 import functools
-from collections import Counter
+from collections import Counter, deque
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ SHARE = 0.9
 BALL_ERROR = 1e-3
 """Of samples of balls, in [m] and [m]/[s]."""
 JERK_SLACK = 1.02
+OVER = 10
+"""So many steps of the truth a jerk is looked at, so that rounding does not count."""
 SHORTEST = 1e-4
 """Between samples of which a jerk is made, in [s]: in shorter times rounding counts."""
 WITHIN = 1.0 - 1e-6
@@ -104,15 +107,26 @@ class Wish(NamedTuple):
     chunk: object = None
 
 
+class State(NamedTuple):
+    """Of the arm, at a time in [s]. Shape (7,) each."""
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+
+
 class RandomShield:
     """A shield, its arm and what is beside it, and what must hold.
 
-    - A command is what the monitor has proved last, or its arm is told to brake.
+    - A command that moves is what the monitor has proved last, and is proved still, or its arm is
+      told to brake.
     - No ball that moves within its bounds touches the arm while it moves, wherever on its surface,
       and none could by going straight for a place that the command leads to.
     - A monitor that is made for it alone, and knows only what was seen last, proves it as well.
-    - Its samples keep the limits of position, velocity, acceleration and jerk.
+    - Its samples keep the limits of position, velocity, acceleration and jerk. So does what the arm
+      follows, at each millisecond, also where one command replaces another.
     - It goes on from the one before without a jump, also where the arm has come to rest.
+    - Where the caller is silent until its end, the arm rests there, and goes on from there.
 
     Args:
         seed: Of all that is random.
@@ -155,9 +169,15 @@ class RandomShield:
         self.counts: Counter[str] = Counter()
         self.closest = 0.0
         self.balls = [Ball(random) for _ in range(random.integers(1, 4))]
+        for ball in self.balls:
+            ball.place = ball.place * random.choice([1.0, 4.0], p=[0.8, 0.2])
         self._seen: list[tuple[float, np.ndarray, np.ndarray]] = []
+        # Whether the last sample of a ball was a lie that nobody can know for one.
+        self._is_misled = False
         self.now = 0.0
         self.q, self.v = HOME.copy(), np.zeros(7)
+        self._was: deque[State] = deque([State(0.0, self.q, self.v)], maxlen=300)
+        self._followed: deque[tuple[np.ndarray, ...]] = deque(maxlen=OVER + 1)
         self._command: Command | None = None
         # Whether the arm is where it is, and not where its command has it.
         self._is_elsewhere, self._brakes_itself, self._is_latched = True, False, False
@@ -212,8 +232,14 @@ class RandomShield:
         places, velocities = places + noise[0], velocities + noise[1]
         if chance > 0.997:
             places[0] += random.uniform(-2.0, 2.0, 3)
-        self._last_seen = stamp, places, velocities
-        self._tell(self.obstacles, *self._last_seen)
+            self._is_misled = True
+        elif late == len(self._seen) - 1 and not np.abs(self.v).max() > 1e-12:
+            self._is_misled = False
+        if 0.1 < chance < 0.102:
+            places[0] = np.nan
+        else:
+            self._last_seen = stamp, places, velocities
+        self._tell(self.obstacles, stamp, places, velocities)
 
     def _tell(self, obstacles, stamp, places, velocities) -> None:
         obstacles.update(
@@ -224,7 +250,7 @@ class RandomShield:
 
     def _ask(self) -> None:
         """One step of the shield, and a look at its command."""
-        random, before = self._random, self._command
+        random = self._random
         if random.random() < 0.03:
             self._change_wish()
         if random.random() < 0.01:
@@ -236,42 +262,66 @@ class RandomShield:
             self.shield.reset()
             self._is_elsewhere = True
             self.counts["resets"] += 1
-        robot = self._robot
-        noise = random.uniform(-1.0, 1.0, (2, 7))
-        q = self.q + noise[0] * robot.position_error
-        v = self.v + noise[1] * robot.velocity_error
-        stamp, chance = self.now, random.random()
-        if chance < 0.001:
-            q[random.integers(7)] = np.nan
-        elif chance < 0.0015:
-            stamp = np.nan
-        elif chance < 0.002:
-            q = q + 1.0
-        command = self.shield.step(self.now, q, v, stamp, **self._wish._asdict())
+        now = self.now
+        if random.random() < 0.001:
+            now = random.choice([np.nan, np.inf, -np.inf, None, "noon", now - 1.0, now - 1e-9])
+        stamp, q, v = self._measure()
+        command = self.shield.step(now, q, v, stamp, **self._wish._asdict())
         if self._wish.chunk is not None:
             self._wish = Wish()
-        verdict = command.verdict
-        self._is_latched = any(one.kind.effect is Effect.LATCHED for one in verdict.reasons)
+        reasons = command.verdict.reasons
+        self._is_latched = any(one.kind.effect is Effect.LATCHED for one in reasons)
         self.counts.update(steps=1, moving=command.moving, latched=self._is_latched)
+        if now is not self.now:
+            self.counts["at no time"] += 1
+            assert not command.is_new, "new, but at no time"
+        self._take(command, q, v)
+
+    def _measure(self) -> tuple[object, np.ndarray, np.ndarray]:
+        """What is said of the arm, and of when: at times late, or nonsense."""
+        random, robot, chance = self._random, self._robot, self._random.random()
+        late = 0
+        if chance > 0.95:
+            late = int(random.choice([1, 5, 20, 299], p=[0.45, 0.45, 0.09, 0.01]))
+        state = self._was[-1 - min(late, len(self._was) - 1)]
+        noise = random.uniform(-1.0, 1.0, (2, 7))
+        q = state.q + noise[0] * robot.position_error
+        v = state.v + noise[1] * robot.velocity_error
+        if chance < 0.001:
+            junk = [np.full(7, np.nan), np.zeros(3), "no", None]
+            return state.time, junk[random.integers(4)], v
+        if chance < 0.002:
+            v[random.integers(7)] = random.choice([np.nan, np.inf, 1e3])
+        elif chance < 0.0025:
+            return random.choice([np.nan, np.inf, "noon", self.now + 1.0, -1e9]), q, v
+        elif chance < 0.003:
+            q = q + 1.0
+        return state.time, q, v
+
+    def _take(self, command: Command, q, v) -> None:
+        """Look at a command, and follow it."""
+        random, before = self._random, self._command
+        if command.moving:
+            self._check_proved(command)
         if command.stop == BRAKE:
             self.counts["told to brake"] += 1
             self._is_elsewhere = True
-            if not command.is_new and not self._brakes_itself and before is not None:
-                self._brakes_itself = bool(random.random() < 0.02)
+            if not command.is_new and before is not None:
+                self._brakes_itself |= bool(random.random() < 0.02)
         elif command.moving and not command.is_new:
-            assert verdict.proved_until is not None, "moves on what is not proved"
+            assert command.verdict.proved_until is not None, "moves on what is not proved"
         if command.is_new:
             self._check_new(command, None if self._is_elsewhere else before, q, v)
             if self._is_elsewhere:
                 start = command.at(self.now)[0]
                 self._off = self.q - start
                 # It is taken to be where it was measured, or where it was led to.
-                assert (np.abs(self._off) <= ERRORS[0] + 2.0 * robot.position_error).all()
+                assert (np.abs(self._off) <= ERRORS[0] + 2.0 * self._robot.position_error).all()
+                self._followed.clear()
             self._command, self._is_elsewhere, self._brakes_itself = command, False, False
-        elif before is not None and len(command.times):
-            if command.stop is None and not self._is_elsewhere:
-                assert np.array_equal(command.times, before.times), "another, but not new"
-                assert np.array_equal(command.q, before.q), "another, but not new"
+        elif before is not None and len(command.times) and not self._is_elsewhere:
+            assert np.array_equal(command.times, before.times), "another, but not new"
+            assert np.array_equal(command.q, before.q), "another, but not new"
 
     def _change_wish(self) -> None:
         """Ask for something else."""
@@ -287,7 +337,8 @@ class RandomShield:
             self.shield.set_path(paths)
             self._wish = Wish()
         elif kind < 5:
-            self._wish = Wish(velocity=random.uniform(-1.0, 1.0, 7) * random.choice([0.2, 1.0, 5.0]))
+            spread = random.choice([0.2, 1.0, 5.0])
+            self._wish = Wish(velocity=random.uniform(-spread, spread, 7))
         elif kind == 5:
             self._wish = Wish()
         elif kind == 6:
@@ -299,16 +350,23 @@ class RandomShield:
             thing = junk[random.integers(len(junk))]
             self._wish = Wish(velocity=thing) if random.random() < 0.5 else Wish(chunk=thing)
 
-    def _check_new(self, command: Command, before: Command | None, q, v) -> None:
-        """All that must hold of a command when it is given."""
-        self.counts["new"] += 1
+    def _check_proved(self, command: Command) -> None:
+        """That it is what the monitor has said yes to last."""
         plan = self._committed
+        assert plan is not None
         assert np.allclose(command.times, plan.stamp + plan.times, rtol=0.0, atol=1e-9)
         assert np.array_equal(command.q, plan.q)
         assert np.array_equal(command.v, plan.v)
+
+    def _check_new(self, command: Command, before: Command | None, q, v) -> None:
+        """All that must hold of a command when it is given."""
+        self.counts["new"] += 1
+        self._check_proved(command)
         self._check_limits(command)
         if before is not None:
             self._check_going_on(before, command)
+        if self._is_misled:
+            return
         for time, place in zip(command.times, command.q, strict=True):
             if not self.now < time < command.times[-1]:
                 continue
@@ -320,21 +378,26 @@ class RandomShield:
                 self.closest = max(self.closest, found)
                 assert found < 1.0, f"touched {time - self.now:.3f} s later"
         if self._random.random() < 0.02:
-            self._check_by_another(plan, q, v)
+            self._check_by_another(self._committed, q, v)
 
     def _check_limits(self, command: Command) -> None:
         limits, robot = self.shield.limits, self._robot
         times, q, v, a = command.times, command.q, command.v, command.a
         assert (q >= robot.lower_position_limit - 1e-9).all()
         assert (q <= robot.upper_position_limit + 1e-9).all()
-        assert not v[-1].any() and not a[-1].any()
+        assert not v[-1].any()
+        assert not a[-1].any()
         assert (np.abs(v) <= limits.velocity + 1e-6).all()
-        most = np.where(v * a > 0.0, limits.acceleration, np.maximum(limits.acceleration, limits.braking))
-        assert (np.abs(a) <= most + 1e-3).all(), (np.abs(a) / most).max()
+        self._check_accelerations(v, a)
         lasting = np.diff(times)
         assert (lasting > 0.0).all()
         jerk = np.diff(a, axis=0)[lasting > SHORTEST] / lasting[lasting > SHORTEST, None]
         assert (np.abs(jerk) <= JERK_SLACK * limits.jerk).all(), (np.abs(jerk) / limits.jerk).max()
+
+    def _check_accelerations(self, v, a) -> None:
+        speeding = self.shield.limits.acceleration
+        most = np.where(v * a > 0.0, speeding, np.maximum(speeding, self.shield.limits.braking))
+        assert (np.abs(a) <= most + 1e-3).all(), (np.abs(a) / most).max()
 
     def _check_going_on(self, before: Command, command: Command) -> None:
         """That it is the one before until it can be taken up, and goes on from there."""
@@ -345,7 +408,8 @@ class RandomShield:
         # Between samples accelerations are interpolated.
         jumps = np.abs(new[2] - old[2]) / (0.1 * 0.01 * self.shield.limits.jerk)
         assert jumps.max() <= 1.0, jumps.max()
-        if not np.abs(old[1]).max() > 1e-9 and before.valid_until <= self.now:
+        if before.valid_until <= self.now:
+            assert np.array_equal(command.at(self.now)[0], before.q[-1])
             self.counts["resumed"] += 1
 
     def _check_by_another(self, plan: Plan, q, v) -> None:
@@ -371,19 +435,45 @@ class RandomShield:
                 slower = np.maximum(np.abs(self.v) - STEP * self.shield.limits.braking, 0.0)
                 slower *= np.sign(self.v)
                 self.q, self.v = self.q + 0.5 * STEP * (self.v + slower), slower
+                self._followed.clear()
             elif command is None or (self._is_elsewhere and self.now > command.valid_until):
                 self.v = np.zeros(7)
             else:
-                q, v, _ = command.at(self.now)
-                off = np.zeros(7)
-                if self.now < command.valid_until:
-                    off = np.clip(self._off_to - self._off, *(STEP * SHARE * ERRORS[1] * np.array([-1, 1])))
-                self._off = self._off + off
-                self.q, self.v = q + self._off, v + off / STEP
+                self._follow(command)
+            self._was.append(State(self.now, self.q, self.v))
             moves = np.abs(self.v).max() > 1e-9 and not self._brakes_itself
             for ball in self.balls:
                 ball.move(self._room[2][-1], STEP)
             places = np.array([ball.place for ball in self.balls])
             gap = find_gap(self._skeleton, self._room, self.q, places, RADIUS)
-            assert gap > 0.0 or not moves, "touched"
+            assert gap > 0.0 or not moves or self._is_misled, "touched"
             self.counts["touched at rest"] += bool(gap <= 0.0)
+
+    def _follow(self, command: Command) -> None:
+        """Go where the command is now, and off it as far as is allowed for."""
+        q, v, a = command.at(self.now)
+        self._followed.append((q, v, a))
+        off = np.zeros(7)
+        if self.now < command.valid_until:
+            most = STEP * SHARE * ERRORS[1]
+            off = np.clip(self._off_to - self._off, -most, most)
+        else:
+            assert np.array_equal(q, command.q[-1])
+            assert not v.any(), "moves after its end"
+            assert not a.any()
+            self.counts["rested"] += 1
+        self._off = self._off + off
+        self.q, self.v = q + self._off, v + off / STEP
+        limits = self.shield.limits
+        if len(self._followed) < 2:
+            return
+        last_q, last_v, _ = self._followed[-2]
+        assert (np.abs(v) <= limits.velocity + 1e-6).all()
+        self._check_accelerations(v, a)
+        assert np.abs(q - last_q - 0.5 * STEP * (v + last_v)).max() <= 1e-6, "jumps"
+        assert (
+            np.abs(v - last_v) <= STEP * np.maximum(limits.acceleration, limits.braking) + 1e-5
+        ).all()
+        if len(self._followed) > OVER:
+            jerk = np.abs(a - self._followed[0][2]) / (OVER * STEP)
+            assert (jerk <= JERK_SLACK * limits.jerk).all(), (jerk / limits.jerk).max()

@@ -187,8 +187,11 @@ def test_an_arm_with_contact_limits_keeps_them(load, trajectory, people):
             obeyed = stage.obey(person, arm(trajectory), rule, 2.0, by_scale=False)
             assert obeyed.stopped_blocked <= obeyed.blocked <= obeyed.ticks
             beyond[rule.name] += sum(one.is_beyond for one in obeyed.touches if one.is_promised)
-            if rule is not blind:
+            if rule is monitor:
                 assert obeyed.stopped_blocked == obeyed.blocked
+            if rule is pieces:
+                # It may take up a piece that recedes from what it touches.
+                assert obeyed.stopped_blocked > 0 or not obeyed.blocked
     assert beyond.pop(blind.name) > 0
     assert not any(beyond.values())
 
@@ -287,6 +290,29 @@ def test_a_monitor_stops_wherever_a_sound_rule_must(load, trajectory, people):
     assert 20 < needed[0] < needed[1]
 
 
+def test_each_stop_on_data_as_they_come_has_one_cause(load, trajectory):
+    """Bodies are hidden and markers are swapped in this recording, near the arm."""
+    rules, plays = load("scene.stop_rules"), load("scene.plays")
+    arm = load("scene.working_arm").WorkingArm
+    path = next(x for x in find_recordings(load("bench_recordings")) if x.stem.startswith("pick"))
+    person, given = (
+        make_people(load, path, 0.0, 0.7),
+        (trajectory.robot, make_setting(load), PERIOD),
+    )
+    contestants = [
+        rules.MonitorRule(*given, "monitor", clean=False),
+        rules.Separation(*given, "separation", clean=False),
+        rules.ForgetfulSeparation(*given, "no hidden", clean=False),
+    ]
+    judged = plays.Stage(trajectory.robot, PERIOD).judge(person, arm(trajectory), contestants, 5.0)
+    monitor, separation, forgetful = judged
+    assert monitor.stopped == sum(monitor.causes.values()) + monitor.stopped_blocked
+    assert set(monitor.causes) <= {*rules.FAULTS, rules.HELD}
+    assert set(monitor.causes) & set(rules.FAULTS[:3])
+    assert not separation.causes
+    assert forgetful.stopped < separation.stopped
+
+
 def test_clean_samples_leave_no_fault(load, people):
     for person in people:
         stream, table = person.streams["some", True], Obstacles()
@@ -374,6 +400,23 @@ def test_the_benchmark_of_the_persons_own_speed_runs(load, capsys):
     # √(2² + 1.32²) − 2 for a hand, √(2² + 0.28²) − 2 for a chest.
     assert {score.allowed for score in scores} == {"–", "1.32, 0.28", "0.40, 0.02"}
     assert "| separation distance |" in capsys.readouterr().out
+
+
+def test_a_trajectory_through_the_arm_itself_is_drawn_anew(load, monkeypatch):
+    bench = load("bench_recordings")
+    find_recordings(bench)
+    robot, path = Robot.load("panda"), bench.find_recordings()[0]
+    seen = []
+
+    def reject_two(trajectory, seconds):
+        seen.append(trajectory)
+        return len(seen) < 3
+
+    monkeypatch.setattr(bench, "meets_itself", reject_two)
+    assert bench.make_trajectory(robot, 0.3, path, 0, 1.0) is seen[2]
+    starts = [trajectory.sample(0.0)[0] for trajectory in seen]
+    assert not np.allclose(starts[0], starts[1])
+    assert not np.allclose(starts[1], starts[2])
 
 
 def test_an_arm_that_goes_through_itself_is_found_out(load):

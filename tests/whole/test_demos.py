@@ -22,7 +22,14 @@ QUICK = {"seeds": 20, "duration": 0.3}
 SOCKETS = {"address", "joints", "verdicts", "obstacles"}
 
 # Demos that need what not every machine has.
-NEEDS = {"05_mujoco": "mujoco", "06_ros2_bridge": "rclpy"}
+NEEDS = {"05_mujoco": "mujoco", "06_ros2_bridge": "rclpy", "10_depth_camera": "mujoco"}
+
+
+def require_renderer():
+    from armguard.bridges.mujoco import find_renderer
+
+    if find_renderer() is None:
+        pytest.skip("MuJoCo cannot render here: neither libegl1 nor libosmesa6 is installed")
 
 
 def load_demo(path):
@@ -36,6 +43,8 @@ def load_demo(path):
 def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
     if path.stem in NEEDS:
         pytest.importorskip(NEEDS[path.stem])
+    if path.stem == "10_depth_camera":
+        require_renderer()
     demo = load_demo(path)
     assert capsys.readouterr().out == "", "importing a demo must not run it"
     assert inspect.getdoc(demo).splitlines()[0].endswith(".")
@@ -64,6 +73,20 @@ def test_two_supervised_arms_keep_apart_and_others_do_not():
     assert supervised.least_moving_distance > 0.0
     assert "SLOW" in supervised.levels["left"]
     assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
+
+
+def test_beside_a_depth_camera_nobody_is_touched_by_an_arm_that_moves(capfd):
+    """MuJoCo measures the true person, who comes and reaches in."""
+    pytest.importorskip("mujoco")
+    require_renderer()
+    demo = load_demo(next(path for path in DEMOS if path.stem == "10_depth_camera"))
+    seen = demo.main(9.0)
+    assert seen.contacts == 0
+    assert seen.least_moving_distance > 0.0
+    half, most = seen.latency
+    assert 1.0 / demo.RATE < half <= most < np.inf
+    assert {"CLEAR", "STOP"} <= set(seen.levels)
+    assert "points of 36,864" in capfd.readouterr().out
 
 
 def test_a_tracked_person_who_comes_within_reach_is_a_stop_and_one_who_leaves_is_none(capsys):

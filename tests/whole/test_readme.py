@@ -89,6 +89,15 @@ def test_figures_in_the_readme_stand_on_the_pages_that_they_name():
             assert found, f"{page} does not say {figure}: measured anew? Then say so in README.md"
 
 
+def test_figures_in_the_readme_on_stopping_name_bounds_and_age():
+    """Both decide how often an arm stops, so a figure without them says nothing."""
+    rows = re.findall(r"^\| .* \| (.*) \| `.*` \| \[.*\]\(docs/usefulness.md\) \|$", README, re.M)
+    assert rows
+    for answer in rows:
+        assert re.search(r"bounds on people (by body part|[\d.]+ m/s² and [\d.]+ m/s)", answer)
+        assert re.search(r"samples \d+ ms old", answer)
+
+
 def test_figures_in_the_readme_among_many_are_the_default_ones_of_their_scene():
     """The page has other scenes and settings, whose figures may be alike."""
     (row,) = re.findall(r"^\| And among 1,000 obstacles\? .*$", README, re.MULTILINE)

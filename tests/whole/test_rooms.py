@@ -41,7 +41,7 @@ ROOMS = {
     "view": "streams bounds robot",
     "recording": "messages bridges monitor settings scheduling pairs bounds robot obstacles "
     "verdict",
-    "people": "obstacles",
+    "people": "obstacles jit",
     "bridges": "messages monitor robot obstacles verdict",
     "app": "all but lab",
     "lab": EVERYTHING,

@@ -331,11 +331,14 @@ class Cell:
         frames = {name: place.as_frame() for name, place in self.frames.items()}
 
         def find_others(
-            points: NDArray[np.float64], q: NDArray[np.float64], frame: str
+            points: NDArray[np.float64],
+            q: NDArray[np.float64],
+            frame: str,
+            origin: tuple[float, float, float],
         ) -> NDArray[np.bool_]:
             if frame not in frames:
                 raise ArmguardError("frame", f"{frame!r} is unknown")
-            return own.find_others(points, q, frames[frame])
+            return own.find_others(points, q, frames[frame], origin)
 
         return OwnPoints(find_others, table.time_error)
 

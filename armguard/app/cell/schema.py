@@ -176,6 +176,9 @@ class CloudsTable(_Table):
     it than this is not seen."""
     time_error: NotNegative = 0.005
     """What stamps of clouds and of joint states may be apart by, in [s]."""
+    trail: NotNegative | UnsetType = UNSET
+    """How far behind the arm, along a ray, points of its edge may be measured, in [m]: what lies
+    there on a ray that touches the shell is not seen."""
 
 
 class StaticTable(_Table, kw_only=True):
@@ -296,6 +299,9 @@ class BoundsTable(_Table):
     """Bound on its speed, in [m/s]: at most 100, or inf."""
     extent: Positive | UnsetType = UNSET
     """How far from the origin of the world coordinates may be, in [m]."""
+    body_limits: tuple[Positive, Positive] | UnsetType = UNSET
+    """What no part of a body does: its speed in [m/s], and its acceleration in [m/s²]. What exceeds
+    both its bounds and these is an error of measurement."""
     of: dict[Name, str | PatternTable] = {}
     """By pattern of ids, the first that fits: a part of a body, such as `"hand"`, or a table of
     `accel` and `speed`."""

@@ -1,8 +1,6 @@
 """How far an arm on a course can still close a gap between two of its links.
 
-A body part that is between two links is pressed by what their distance still falls. That depends on
-the joints between the two alone: by a radian of one of these it changes by no more than a point of
-the link that this joint moves can be away from its axis.
+A body part that is between two links is pressed by what the gap between them still closes.
 """
 
 from __future__ import annotations
@@ -11,6 +9,7 @@ import math
 
 import numpy as np
 
+from armguard.bounds.closing import fill_arms, find_approach, find_closing
 from armguard.bounds.planned.course import (
     BLOCK,
     ArmShape,
@@ -18,9 +17,11 @@ from armguard.bounds.planned.course import (
     find_center,
     find_frame,
 )
+from armguard.bounds.table_time import ArmSphere
 from armguard.jit.arrays import FloatArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING
+from armguard.obstacles.regions import ContactLimit
 
 
 @kernel
@@ -47,65 +48,71 @@ def place_parts(arm: ArmShape, placement: FloatArray) -> FloatArray:
 
 
 @kernel
-def _weight_of(arm: ArmShape, node: int, j: int) -> float:
-    """How far points of a sphere that joint j moves can be from its axis, in [m]; 1: it slides."""
-    reach: float = arm.lever[node, j]
-    if arm.box.turning[j]:
-        reach += arm.tree.radius[node]
-    return reach
-
-
-@kernel
-def _close(arm: ArmShape, node: int, part: int, ways: FloatArray) -> float:
-    """By how much the distance of two spheres can change while joints go so far, (nv,), in [m]."""
-    mine, theirs = arm.moves[arm.carrier[node]], arm.moves[arm.carrier[part]]
-    closes = 0.0
-    for j in range(ways.shape[0]):
-        if mine[j] != theirs[j]:
-            closes += _weight_of(arm, node if mine[j] else part, j) * ways[j]
-    return closes * (1.0 + SUM_ROUNDING)
-
-
-@kernel
 def find_closing_way(
-    node: int, slab: int, gap: float, thickness: float, course: PlannedCourse, arm: ArmShape
+    node: int, slab: int, limit: ContactLimit, course: PlannedCourse, arm: ArmShape
 ) -> float:
-    """How far any link can still close in on a sphere of another one that it is near to, in [m].
+    """By how much gaps between a sphere and other links close from a slab on, in [m].
+
+    What is pressed may slip from one link to another, so what counts in each block of slabs is the
+    gap that closes most there, of those that are near.
 
     Args:
         node: The sphere.
         slab: From when on.
-        gap: How near is near, in [m].
-        thickness: By how much the distance from a neighbouring link must be able to vary, in [m].
+        limit: Of what is pressed: how near is near, which neighbours count, and beyond which way
+            nothing is permitted, so that it need not be known any better.
         course: With velocities.
         arm: Its shape, with `gaps`.
 
     Returns:
         0 where no other link comes near from then on; what is no number counts as near.
     """
-    speeds = course.speeds.content
-    slabs = course.start.shape[0]
-    closing = 0.0
-    joints = speeds.block_half.shape[1]
+    speeds, arms, span = course.speeds.content, arm.arms, arm.box.span
+    slabs, joints = course.start.shape[0], course.half.shape[1]
+    mine, radius = arm.moves[arm.carrier[node]], arm.tree.radius[node]
+    gaps, parts = arm.gaps, arm.gaps.parts.shape[0]
+    total = 0.0
     for block in range(slab // BLOCK, (slabs + BLOCK - 1) // BLOCK):
-        half = speeds.block_half[block]
+        half, frame = speeds.block_half[block], find_frame(block, slabs)
+        begin, end = max(slab, block * BLOCK), (block + 1) * BLOCK
         # No pair of spheres comes nearer by more than this within the block.
         most = 0.0
         for j in range(joints):
             most += arm.gaps.weight[j] * half[j]
-        x, y, z = find_center(arm, course.placement[find_frame(block, slabs)], node)
-        for c in range(arm.gaps.parts.shape[0]):
-            if arm.gaps.variation[node, c] <= thickness:
-                continue
-            part = arm.gaps.parts[c]
-            center = speeds.part_centers[block, c]
-            dx, dy, dz = x - center[0], y - center[1], z - center[2]
+            span[0, j], span[1, j], span[2, j] = half[j], -half[j], half[j]
+            for k in range(3):
+                arms.ways[k, j] = speeds.ways[k, begin, j] * (1.0 + SUM_ROUNDING)
+                if end < slabs:
+                    arms.ways[k, j] -= speeds.ways[k, end, j]
+        x, y, z = find_center(arm, course.placement[frame], node)
+        lever, jacobian = arm.lever[node], course.jacobian[frame]
+        sphere = ArmSphere(x, y, z, jacobian, lever, arm.exact)
+        closing = 0.0
+        for c in range(parts + gaps.base.shape[0]):
+            # The base has no levers, nor are any asked for: nothing moves it.
+            other_radius, theirs = 0.0, arm.moves[0]
+            if c < parts:
+                if gaps.variation[node, c] <= limit.thickness:
+                    continue
+                part, center = gaps.parts[c], speeds.part_centers[block, c]
+                lever, theirs = arm.lever[part], arm.moves[arm.carrier[part]]
+                other_radius = arm.tree.radius[part]
+            else:
+                center = gaps.base[c - parts]
+                other_radius = center[3]
+            other = ArmSphere(center[0], center[1], center[2], jacobian, lever, arm.exact)
+            dx, dy, dz = x - other.x, y - other.y, z - other.z
             distance = math.sqrt(dx * dx + dy * dy + dz * dz) * (1.0 - SUM_ROUNDING)
-            distance -= arm.tree.radius[node] + arm.tree.radius[part] + gap
-            if distance > most or distance > _close(arm, node, part, half):
+            distance -= radius + other_radius + limit.gap
+            if distance > most:
                 continue
-            ways = speeds.whole[slab]
-            way = _close(arm, node, part, ways)
+            fill_arms(sphere, radius, mine, other, other_radius, theirs, arm.box, arms)
+            if distance > find_approach(arms, arm.box):
+                continue
+            way = find_closing(arms)
             if not way <= closing:
                 closing = way
-    return closing
+        total += closing
+        if not total <= limit.max_way:
+            return math.inf
+    return total

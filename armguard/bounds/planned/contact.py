@@ -329,7 +329,7 @@ def find_planned_contact(
             partner = ALONE
             if not away:
                 partner = find_partner(
-                    tethers, bodies, refused, marks, row, now, left, course.arm_ball
+                    tethers, bodies, refused, marks, limits, row, now, left, course.arm_ball
                 )
             if partner.row != NO_PARTNER:
                 age = now - bodies.stamp[partner.row]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from armguard.bounds.closing import Arms
 from armguard.bounds.joint_box import JointBox, Vector, set_columns
 from armguard.bounds.link_gaps import LinkGaps
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
@@ -32,6 +33,8 @@ class ArmShape(NamedTuple):
     """Which joints move what each joint carries. Shape (J, nv)."""
     gaps: LinkGaps
     """How distances between links can vary; without parts nothing is clamped between links."""
+    arms: Arms
+    """Room to work in: how gaps between links close."""
 
 
 class PlannedCourse(NamedTuple):

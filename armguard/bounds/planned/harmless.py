@@ -39,12 +39,10 @@ class CourseSpeeds(NamedTuple):
     """Least velocities, in [rad]/[s] or [m]/[s]. Shape (slabs, nv)."""
     fastest: FloatArray
     """Greatest velocities, alike."""
-    forth: FloatArray
-    """How far joints can go from the start of each slab on, in [rad] or [m]. Shape (slabs, nv)."""
-    back: FloatArray
-    """The same the other way, negative."""
-    whole: FloatArray
-    """All the way that they can go, forth and back, alike."""
+    ways: FloatArray
+    """How far joints go forth from the start of each slab on, how far back, and how far in all if
+    in each slab they go the way in which they may be faster, in [rad] or [m], >= 0.
+    Shape (3, slabs, nv)."""
     away: FloatArray
     """How far they can be from the middle of the last slab from then on. Shape (slabs, nv)."""
     block_slowest: FloatArray
@@ -62,8 +60,8 @@ class CourseSpeeds(NamedTuple):
 
 
 def _make_no_speeds() -> Any:
-    *others, _ = CourseSpeeds._fields
-    return pack(CourseSpeeds._make([*(np.zeros((0, 1)) for _ in others), np.zeros((0, 1, 3))]))
+    empty = {"ways": np.zeros((3, 0, 1)), "part_centers": np.zeros((0, 1, 3))}
+    return pack(CourseSpeeds(**{name: np.zeros((0, 1)) for name in CourseSpeeds._fields} | empty))
 
 
 NO_SPEEDS = _make_no_speeds()
@@ -80,7 +78,6 @@ def sum_up_speeds(
     spheres: int,
 ) -> tuple[
     FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray,
-    FloatArray, FloatArray,
 ]:  # fmt: skip
     """The fields of `CourseSpeeds`, but for the last.
 
@@ -94,8 +91,7 @@ def sum_up_speeds(
     """
     slabs, joints = middle.shape
     last = slabs - 1
-    forth, back, away = np.empty_like(middle), np.empty_like(middle), np.empty_like(middle)
-    wholes = np.empty_like(middle)
+    ways, away = np.empty((3, slabs, joints)), np.empty_like(middle)
     for j in range(joints):
         up = down = whole = wide = 0.0
         for k in range(last, -1, -1):
@@ -108,10 +104,8 @@ def sum_up_speeds(
             down += fall * duration
             whole += max(rise, fall) * duration
             wide = max(wide, abs(middle[k, j] - middle[last, j]) + half[k, j])
-            # One that goes forth and back goes farther in all than to either side.
-            forth[k, j] = whole if up >= down else up
-            back[k, j] = -down if up >= down else -whole
-            away[k, j], wholes[k, j] = wide, whole
+            ways[0, k, j], ways[1, k, j], ways[2, k, j] = up, down, whole
+            away[k, j] = wide
     blocks = (slabs + BLOCK - 1) // BLOCK
     shape = blocks, joints
     block_slowest, block_fastest, block_half = np.empty(shape), np.empty(shape), np.zeros(shape)
@@ -127,8 +121,7 @@ def sum_up_speeds(
                 block_half[block, j] = max(block_half[block, j], wide)
     bound = np.full((spheres, blocks), np.nan)
     return (
-        slowest, fastest, forth, back, wholes, away, block_slowest, block_fastest, block_half,
-        bound,
+        slowest, fastest, ways, away, block_slowest, block_fastest, block_half, bound,
     )  # fmt: skip
 
 
@@ -246,10 +239,13 @@ def find_way_from(node: int, slab: int, course: PlannedCourse, arm: ArmShape) ->
     count = _set_frame(node, course.start.shape[0] - 1, speeds.away[slab], course, arm)
     if count < 0:
         return math.inf
-    forth, back = speeds.forth[slab], speeds.back[slab]
+    forth, back = arm.box.forth, arm.box.back
     turn = 0.0
     for j in range(count):
-        turn += arm.box.joints[j, 8] * max(forth[j], -back[j])
+        up, down, whole = speeds.ways[0, slab, j], speeds.ways[1, slab, j], speeds.ways[2, slab, j]
+        # One that goes forth and back goes farther in all than to either side.
+        forth[j], back[j] = (whole, -down) if up >= down else (up, -whole)
+        turn += arm.box.joints[j, 8] * whole
     way: float = speed_in_box(0.0, count, back, forth, arm.box, math.inf)
     # Turns about different axes do not add up like vectors.
     return way + arm.tree.radius[node] * turn * (1.0 + SUM_ROUNDING)
@@ -291,5 +287,5 @@ def find_harmless_speed(
         way = find_way_from(node, slab, course, arm) + obstacle_speed * left
         if not way <= limit.max_way:
             return math.inf
-    way = find_closing_way(node, slab, limit.gap, limit.thickness, course, arm)
+    way = find_closing_way(node, slab, limit, course, arm)
     return speed if way <= limit.max_way else math.inf

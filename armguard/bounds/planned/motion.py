@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pinocchio
 
 from armguard.bounds.checks import check_question
+from armguard.bounds.closing import make_arms
 from armguard.bounds.joint_box import displacement_in_box, make_box
 from armguard.bounds.limits import JointLimits, read_limits
 from armguard.bounds.link_gaps import LinkGaps, make_no_gaps
@@ -91,6 +92,7 @@ class PlannedMotion:
             exact=np.zeros(len(turning)),
             moves=self._kinematics.placement.moves,
             gaps=make_no_gaps() if gaps is None else gaps,
+            arms=make_arms(len(turning)),
         )
         self._nothing_permitted = Permissions(make_no_limits())
         self._no_tethers = make_tethers(0, 0)

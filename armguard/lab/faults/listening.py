@@ -23,6 +23,7 @@ USUAL = frozenset(
     {
         ReasonKind.CONTACT,
         ReasonKind.CONTACT_ALLOWED,
+        ReasonKind.CONTACT_FORBIDDEN,
         ReasonKind.HOLD,
         ReasonKind.CROWD,
         ReasonKind.BUDGET_SPENT,

@@ -66,6 +66,7 @@ def publish_person(
     position_error: float = 0.0,
     accel: float | None = None,
     speed: float | None = None,
+    person: str = "",
 ) -> None:
     """Hand one frame of a person to a sink: balls and capsules in a call each.
 
@@ -83,6 +84,7 @@ def publish_person(
         position_error: What each point may be off by, in [m].
         accel: Bound on accelerations, in [m]/[s²]; None: the sink's.
         speed: Bound on speeds, in [m]/[s]; None: the sink's.
+        person: Whose bodies they are, as ids then say; contact limits need that.
     """
     seen_any = False
     for names, points, radii in _GROUPS:
@@ -92,7 +94,7 @@ def publish_person(
         seen_any = True
         rows = points[seen]
         sink.update(
-            [name for name, there in zip(names, seen, strict=True) if there],
+            [f"{person}/{name}" if person else name for name in names[seen].tolist()],
             stamp,
             position[rows],
             velocity[rows],
@@ -107,11 +109,11 @@ def publish_person(
         sink.update([], stamp, np.empty((0, 3)), radius=np.empty(0), source=source)
 
 
-def _group(count: int) -> tuple[list[str], NDArray[np.int64], Array]:
-    """Names, points (n, count) and radii (n,) of the bodies with so many points."""
+def _group(count: int) -> tuple[NDArray[np.str_], NDArray[np.int64], Array]:
+    """Names (n,), points (n, count) and radii (n,) of the bodies with so many points."""
     bodies = [body for body in BODIES if len(body.points) == count]
     return (
-        [body.name for body in bodies],
+        np.array([body.name for body in bodies]),
         np.array([[POINTS.index(point) for point in body.points] for body in bodies]),
         np.array([body.radius for body in bodies]),
     )

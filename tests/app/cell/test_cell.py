@@ -65,7 +65,7 @@ def test_the_example_says_what_the_library_would_do_anyway():
 def test_every_setting_of_the_monitor_has_a_key():
     tables = Cell.load(EXAMPLE).tables
     keys = {*tables.monitor.__struct_fields__, *tables.thresholds.__struct_fields__}
-    keys |= {*tables.bounds.__struct_fields__} - {"accel", "speed", "extent", "of"}
+    keys |= {*tables.bounds.__struct_fields__} - {"accel", "speed", "extent", "body_limits", "of"}
     # Certificates are for observers within the same program; `ignore`, `[separation]` and
     # `[robot.operating]` have places of their own.
     others = {"ignore", "base_placement", "certify", "separation", "operating", "payload"}
@@ -192,12 +192,21 @@ def test_the_arm_is_told_from_others_in_clouds_where_clouds_are_taken():
     own = cell.make_own_points(robot)
     q = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
     points = np.array([[1.0, 0.0, 0.2], [0.0, 0.0, 0.2]])  # in the arm's column, and beside it
-    assert own.find_others(points, q, "world").tolist() == [False, True]
+    assert own.find_others(points, q, "world", (0.0, 0.0, 0.0)).tolist() == [False, True]
     lens = cell.frames["lens"]
     seen = (points - lens.translation) @ lens.rotation
-    assert own.find_others(seen, q, "lens").tolist() == [False, True]
+    assert own.find_others(seen, q, "lens", (0.0, 0.0, 0.0)).tolist() == [False, True]
     with pytest.raises(ArmguardError, match="unknown"):
-        own.find_others(points, q, "moon")
+        own.find_others(points, q, "moon", (0.0, 0.0, 0.0))
+
+
+def test_the_trail_of_clouds_is_seen_from_where_their_rays_begin():
+    robot = Robot.load("panda")
+    own = Cell.from_text(f"{FRAMES}[clouds]\ntrail = 0.5\n").make_own_points(robot)
+    q = np.array([0.0, -0.8, 0.0, -2.4, 0.0, 1.6, 0.8])
+    behind = np.array([[1.0, 0.3, 0.2]])  # the arm's column, from one side
+    assert not own.find_others(behind, q, "world", (1.0, -2.0, 0.2)).any()
+    assert own.find_others(behind, q, "world", (1.0, 2.0, 0.2)).all()
 
 
 @pytest.mark.parametrize(
@@ -363,6 +372,14 @@ def test_the_example_of_the_page_is_one():
         (
             '[contact_limits.hand]\nenergy = 0.5\nsource = "a"',
             "^cell: contact_limits.hand.body_mass: is missing beside energy",
+        ),
+        (
+            '[contact_limits.hand]\nsource = "a"',
+            "^cell: contact_limits.hand.speed: is missing, like energy and force; expected exactly",
+        ),
+        (
+            '[contact_limits.hand]\nspeed = 0.5\nforce = 140\nsource = "a"',
+            "^cell: contact_limits.hand.force: is given beside speed; expected exactly one of",
         ),
         (
             '[contact_limits.paw]\nspeed = 0.9\nsource = "a"',

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from armguard.bounds import Plan, PlannedCourse, PlannedMotion, append_stop, check_plan
+from armguard.bounds.closing import make_arms
 from armguard.bounds.joint_box import make_box
 from armguard.bounds.link_gaps import make_no_gaps
 from armguard.bounds.planned.contact import NONE, find_planned_contact, make_surroundings
@@ -63,6 +64,7 @@ def make_slide(along, center, radius, half):
         SphereTree(*(frozen([value]) for value in (0, -1, -1, -1, radius))),
         np.ones((1, 1)), make_box(np.array([False]), np.zeros(1)), np.zeros(1, dtype=np.int64),
         np.zeros((1, 3)), np.zeros(1), np.ones((1, 1), dtype=bool), make_no_gaps(),
+        make_arms(1),
     )  # fmt: skip
     jacobian = np.append(along, np.zeros(3)).reshape(1, 6, 1)
     ball = np.append(center, radius + half)

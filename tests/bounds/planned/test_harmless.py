@@ -437,9 +437,7 @@ def test_what_is_summed_up_from_a_slab_on_is_of_all_later_slabs():
     rise, fall = np.maximum(fastest, 0.0) * steps, np.maximum(-slowest, 0.0) * steps
     for slab in range(slabs):
         up, down, whole = (each[slab:].sum(axis=0) for each in (rise, fall, np.maximum(rise, fall)))
-        np.testing.assert_allclose(found.whole[slab], whole)
-        np.testing.assert_allclose(found.forth[slab], np.where(up >= down, whole, up))
-        np.testing.assert_allclose(-found.back[slab], np.where(up >= down, down, whole))
+        np.testing.assert_allclose(found.ways[:, slab], [up, down, whole])
         away = (abs(middle[slab:] - middle[-1]) + half[slab:]).max(axis=0)
         np.testing.assert_allclose(found.away[slab], away)
     for block in range(4):

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio
 import pytest
 
+from armguard.bounds.closing import make_arms
 from armguard.bounds.joint_box import make_box
 from armguard.bounds.link_gaps import make_no_gaps
 from armguard.bounds.planned.course import BLOCK, ArmShape
@@ -36,6 +37,7 @@ def pack_arm(robot, kinematics, random):
         spheres.tree, random.uniform(0.0, 1.0, (len(spheres), len(robot.joints))),
         make_box(np.ones(len(robot.joints), dtype=bool), nothing), np.array(spheres.joint),
         np.array(spheres.local), nothing, kinematics.placement.moves, make_no_gaps(),
+        make_arms(len(robot.joints)),
     )  # fmt: skip
     return arm, pack(PlacedArm(make_chain(kinematics), arm))
 

@@ -34,8 +34,14 @@ def distance_to_segment(point, start, end):
     return np.linalg.norm(point - start - share * along)
 
 
-def publish(sink, position):
-    publish_person(sink, "camera", 1.0, position, np.zeros((9, 3)), np.arange(9.0))
+def publish(sink, position, **fields):
+    publish_person(sink, "camera", 1.0, position, np.zeros((9, 3)), np.arange(9.0), **fields)
+
+
+def test_ids_say_whose_bodies_they_are():
+    sink = GrowthSink()
+    publish(sink, np.zeros((9, 3)), person="anna")
+    assert set(sink.last) == {f"anna/{body.name}" for body in BODIES}
 
 
 def test_a_body_with_a_point_that_was_not_seen_is_left_out():

@@ -1,0 +1,114 @@
+"""The part of the page on data as they come: what stops an arm then, and what each rule misses."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from scene.contestants import AS_THEY_COME, FORGETFUL, OPERATING, PIECES, SEPARATION, Scope
+from scene.headline import write_costs
+from scene.plays import Judged
+from scene.results import Results, make_table, milliseconds, multiple, percent
+from scene.stop_rules import FAULTS, HELD, Setting
+
+INSIDE = "inside the arm"
+"""A body is where the arm is: recorded people do not yield."""
+
+RULES = tuple(
+    rule + suffix
+    for rule, suffix in (
+        (SEPARATION, FORGETFUL), (SEPARATION, AS_THEY_COME), (OPERATING, AS_THEY_COME),
+        (PIECES, AS_THEY_COME),
+    )
+)  # fmt: skip
+
+TEXT = (
+    "Nothing is left out here: swapped markers, gaps and broken bounds reach every rule. The"
+    f" {SEPARATION} believes all of it, and lets a hidden body walk from where it was last seen; a"
+    " second one leaves hidden bodies out, as is often done. In brackets: as a multiple of the"
+    " first one."
+)
+
+CAUSES = (
+    "What operating limits stop for, as shares of all time that add up to the time in STOP. A"
+    " verdict names the fault of the data without which its level would be higher: bounds that are"
+    " wider since a body broke them, a refused sample that may be true, a body that was hidden for"
+    " longer than usual, data that are late. Where it names several, the first one counts."
+    " **Plain** is a STOP without such a fault. One that is held counts with what began it. All"
+    " speeds together."
+)
+
+MISSED = (
+    "What was missed, as ticks of an arm that goes on, and as contacts of one that obeys, by what"
+    " was known of the body: **missed** of one in view that had kept its bounds, **hidden** of one"
+    " whose way is drawn straight through a gap, **beyond** of one that had broken its bounds."
+    " All speeds, places and ages together. Nothing asks pieces in this way, but for contacts."
+)
+
+
+def write_raw(results: Results, scope: Scope) -> list[str]:
+    """Lines of that part."""
+    lines = ["## Data as they come", "", TEXT, "", *write_costs(results, scope, AS_THEY_COME)]
+    lines += [CAUSES, "", *_write_causes(results, scope)]
+    return [*lines, MISSED, "", *_write_missed(results, scope)]
+
+
+def _settings(scope: Scope) -> list[Setting]:
+    return [one for one in scope.settings() if one.reaction == scope.reactions[0]]
+
+
+def _write_causes(results: Results, scope: Scope) -> list[str]:
+    """By setting, and in the usual one and that nearest to a real cell by place, too."""
+    rows = []
+    for setting in _settings(scope):
+        rows.append([*_name(setting), "all", *_find_causes(results, setting)])
+        if setting in (scope.usual, scope.real):
+            found = results.of(None, OPERATING + AS_THEY_COME, setting)
+            for place in dict.fromkeys(one.placement for one in found):
+                cells = _find_causes(results, setting, placement=place)
+                rows.append([*_name(setting), f"{place + 1}", *cells])
+    heads = ["bounds on people", "age of samples", "place", SEPARATION, f"{SEPARATION}, no hidden"]
+    return [*make_table([*heads, f"{OPERATING} (multiple)", INSIDE, *FAULTS, HELD], rows), ""]
+
+
+def _find_causes(results: Results, setting: Setting, **where: object) -> list[str]:
+    """Shares of time in STOP, and by cause."""
+    rival, rule = SEPARATION + AS_THEY_COME, OPERATING + AS_THEY_COME
+    outcomes = [one.outcome for one in results.of(None, rule, setting, **where)]
+    ticks = sum(one.ticks for one in outcomes)
+    causes = Counter({INSIDE: sum(one.stopped_blocked for one in outcomes)})
+    for one in outcomes:
+        assert isinstance(one, Judged)
+        causes += one.causes
+    share = percent(results.share(None, rule, setting, **where))
+    return [
+        percent(results.share(None, rival, setting, **where)),
+        percent(results.share(None, SEPARATION + FORGETFUL, setting, **where)),
+        f"{share} ({multiple(results.ratio(None, rule, rival, setting, **where))})",
+        *(percent(causes[name] / ticks) for name in (INSIDE, *FAULTS, HELD)),
+    ]
+
+
+def _write_missed(results: Results, scope: Scope) -> list[str]:
+    """By rule and bounds: which samples count as broken depends on these."""
+    rows = []
+    fields = ("missed", "hidden", "beyond")
+    for rule in RULES:
+        for bounds in scope.bounds:
+            settings = [one for one in _settings(scope) if one.bounds == bounds]
+            ticks = _add(results, ("needed", *fields), rule, settings)
+            contacts = _add(results, fields, rule, settings, "obeys")
+            cells = [str(x) for x in ticks] if ticks[0] else ["–"] * 4
+            rows.append([rule, bounds, *cells, *map(str, contacts)])
+    heads = ["rule", "bounds on people", "ticks that needed a STOP", "missed", "hidden", "beyond"]
+    return [*make_table([*heads, "contacts: missed", "hidden", "beyond"], rows), ""]
+
+
+def _add(
+    results: Results, fields: tuple[str, ...], rule: str, settings: list[Setting], *how: str
+) -> list[int]:
+    """Counts over settings, at all speeds and places."""
+    return [sum(results.total(x, None, rule, one, *how) for one in settings) for x in fields]
+
+
+def _name(setting: Setting) -> list[str]:
+    return [setting.bounds, milliseconds(setting.camera)]

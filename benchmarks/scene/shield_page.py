@@ -1,0 +1,184 @@
+"""The page on what a shield gets done: tables of what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from scene.results import make_table, milliseconds, percent
+from scene.shielded import Shielded
+from scene.stop_rules import Setting
+from scene.touches import Touch
+
+HEADER = Path(__file__).with_name("shield_head.md")
+"""What stands above the tables, with places for what a run fills in."""
+
+RATE = 100.0
+"""Of ticks, in [Hz]."""
+
+SHIELD, LIMITED = "shield, 30 ms ahead", "shield, contact limits"
+
+
+class Outcome(NamedTuple):
+    """What became of one way to move an arm in one case; None where it does not apply."""
+
+    ticks: int
+    progress: float
+    rests: int
+    hard_stops: int | None
+    reversals: int | None
+    jerk: float | None
+    missed: int
+    beyond: int
+    shielded: Shielded | None
+    touches: tuple[Touch, ...]
+
+
+class Row(NamedTuple):
+    """One way to move an arm, in one case."""
+
+    speed: float
+    recording: str
+    placement: int
+    name: str
+    setting: Setting
+    free: float
+    """How far an arm of that kind comes that obeys nobody, in [s]."""
+    outcome: Outcome
+
+
+class Rows:
+    """What was found, asked by what matters."""
+
+    def __init__(self, rows: Iterable[Row]) -> None:
+        self.rows = list(rows)
+        self.speeds = list(dict.fromkeys(row.speed for row in self.rows))
+        self.names = list(dict.fromkeys(row.name for row in self.rows))
+        self.settings = list(dict.fromkeys(row.setting for row in self.rows))
+
+    def of(self, speed: float, name: str, setting: Setting) -> list[Row]:
+        """Of one way at one speed in one setting."""
+        what = speed, name, setting
+        return [row for row in self.rows if (row.speed, row.name, row.setting) == what]
+
+    def lost(self, *what: object) -> float:
+        """Share of the work of an arm that obeys nobody that was not done."""
+        rows = self.of(*what)  # type: ignore[arg-type]
+        whole = sum(row.free for row in rows)
+        return 1.0 - sum(row.outcome.progress for row in rows) / whole if whole else np.nan
+
+    def lost_free(self, *what: object) -> float:
+        """The same in time in which no body is inside the arm's cover."""
+        rows = self.of(*what)  # type: ignore[arg-type]
+        played = [row.outcome.shielded for row in rows]
+        ticks = sum(one.ticks for one in played if one is not None)
+        free = sum(one.free for one in played if one is not None)
+        whole = sum(row.free for row in rows)
+        done = sum(one.progress_free for one in played if one is not None)
+        return 1.0 - done * ticks / (whole * free) if free else np.nan
+
+    def per_minute(self, field: str, *what: object) -> float:
+        """How often something happened in a minute; NaN where it does not apply."""
+        rows = self.of(*what)  # type: ignore[arg-type]
+        counts = [getattr(row.outcome, field) for row in rows]
+        ticks = sum(row.outcome.ticks for row in rows)
+        if not ticks or None in counts:
+            return np.nan
+        return sum(counts) * 60.0 * RATE / ticks
+
+
+def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) -> str:
+    """The page, in Markdown.
+
+    Args:
+        rows: All that was found.
+        prices: Of steps at 250 Hz, in [s]. Shape (n,).
+        command: What was called.
+        machine: What it was measured on.
+    """
+    found = Rows(rows)
+    usual = found.settings[0]
+    p50, p99 = (1e3 * float(np.quantile(prices, share)) for share in (0.5, 0.99))
+    three = ", ".join(
+        f"{percent(found.lost(speed, SHIELD, usual))} at {speed:g} rad/s" for speed in found.speeds
+    )
+    touched = sum(
+        row.outcome.missed for row in rows if row.name.startswith("shield") and row.name != LIMITED
+    )
+    parts = [
+        HEADER.read_text(encoding="utf-8").format(
+            lost=three, touched=touched, p50=f"{p50:.2f}", p99=f"{p99:.2f}", command=command,
+            machine=machine,
+        )
+    ]  # fmt: skip
+    for setting in found.settings:
+        title = f"## {setting.bounds}, samples {milliseconds(setting.camera)} old,"
+        parts += [f"{title} {milliseconds(setting.reaction)} of reaction", ""]
+        parts += [*_table(found, setting), ""]
+    parts += _limits(found)
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _table(found: Rows, setting: Setting) -> list[str]:
+    heads = ["how the arm is moved"]
+    for speed in found.speeds:
+        at = f"{speed:g} rad/s"
+        heads += [f"work lost, {at}", "rests", "hardest stops", "reversals", "jerk ÷ limit"]
+        heads += ["contacts, beyond"]
+    rows = []
+    for name in found.names:
+        cells = [name]
+        for speed in found.speeds:
+            what = speed, name, setting
+            some = found.of(*what)
+            if not some:
+                cells += ["–"] * 6
+                continue
+            jerks = [row.outcome.jerk for row in some if row.outcome.jerk is not None]
+            cells.append(percent(found.lost(*what)))
+            for field in ("rests", "hard_stops", "reversals"):
+                often = found.per_minute(field, *what)
+                cells.append("–" if np.isnan(often) else f"{often:.0f}")
+            cells.append(f"{max(jerks):.2f}" if jerks else "–")
+            counts = (
+                sum(getattr(row.outcome, key) for row in some) for key in ("missed", "beyond")
+            )
+            cells.append(", ".join(map(str, counts)))
+        if any(cell != "–" for cell in cells[1:]):
+            rows.append(cells)
+    return make_table(heads, rows)
+
+
+def _limits(found: Rows) -> list[str]:
+    """What contact limits give a shield, where no body is inside the arm's cover."""
+    heads = ["people", "sample age", "reaction"]
+    for speed in found.speeds:
+        heads += [f"{speed:g} rad/s: lost without", "with", "rests without", "with"]
+        heads += ["touches", "beyond a limit"]
+    rows = []
+    for setting in found.settings:
+        cells = [setting.bounds, milliseconds(setting.camera), milliseconds(setting.reaction)]
+        for speed in found.speeds:
+            for field in ("lost", "rests"):
+                for name in (SHIELD, LIMITED):
+                    if field == "lost":
+                        cells.append(percent(found.lost_free(speed, name, setting)))
+                    else:
+                        cells.append(f"{found.per_minute('rests', speed, name, setting):.0f}")
+            touches = [
+                touch
+                for row in found.of(speed, LIMITED, setting)
+                for touch in row.outcome.touches
+                if touch.is_promised
+            ]
+            cells += [str(len(touches)), str(sum(touch.is_beyond for touch in touches))]
+        rows.append(cells)
+    text = (
+        "Work lost outside blocked time, the time in which the recorded body is inside the arm's"
+        " cover; rests a minute. Recorded bodies do not yield, so an arm that may touch them goes"
+        " on through them: what it would gain from people who give way is not shown here."
+    )
+    return ["## With contact limits", "", text, "", *make_table(heads, rows)]
