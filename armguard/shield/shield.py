@@ -31,7 +31,7 @@ from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, PlanChoice, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Effect, PlanChoice, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -280,7 +280,8 @@ class Shield:
         An arm whose motion is not proved any more may brake by its own means, and one that rests
         may be moved by somebody. Once it rests and the motion has ended, it is taken to be where it
         was measured, unless it may be at that end. So a place to rest does not follow each
-        measured one, and the arm does not creep. No motion begins beyond position limits.
+        measured one, and the arm does not creep. Nor does it follow joint states that the monitor
+        does not believe, until a reset. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
@@ -288,6 +289,8 @@ class Shield:
             self._has_left |= not is_proved and now < piece.end
             if now < piece.samples.times[-1] or (is_proved and not self._has_left):
                 return piece
+        if any(reason.kind.effect is Effect.LATCHED for reason in verdict.reasons):
+            return piece
         place, speeds = _read_numbers(q), _read_numbers(v)
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
