@@ -305,7 +305,11 @@ class Shield:
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
 
     def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
-        """What the arm is on until a time, and then another motion."""
+        """What the arm is on until a time, and then another motion.
+
+        What is cubic between samples differs a little from motions along paths. There are samples
+        where the next step cuts this piece, so that it goes on without a jump.
+        """
         last = piece.find_motion(now)
         motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
         motions.append((begin, motion))
@@ -314,6 +318,9 @@ class Shield:
             knots = one.find_knots(at)
             if k + 1 < len(motions):
                 knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
+            else:
+                cuts = np.array([now, begin]) + self._period
+                knots = np.union1d(knots, cuts[(cuts > at) & (cuts < one.end)])
             knots = np.concatenate([[at], knots])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]

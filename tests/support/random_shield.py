@@ -27,7 +27,7 @@ from armguard.verdict import BRAKE, Effect
 from support.shielded_arm import ACCEL, HOME, RADIUS, SPEED, Ball
 from support.true_arm import get_point, make_room, make_skeleton, place_leaves
 
-STEP = 1e-3
+STEP = 2e-3
 """Between the instants at which the truth is looked at, in [s]."""
 ERRORS = 1e-3, 1e-2
 """Of tracking, in [rad] and [rad]/[s]."""
@@ -39,7 +39,7 @@ JERK_SLACK = 1.02
 JUMP = 3e-3
 """In which the greatest jerk makes what a command may differ by from the one before, in [s]: a
 motion along a path is no cubic, as what is between the samples of a command is."""
-OVER = 10
+OVER = 5
 """So many steps of the truth a jerk is looked at, so that rounding does not count."""
 SHORTEST = 1e-4
 """Between samples of which a jerk is made, in [s]: in shorter times rounding counts."""
@@ -127,7 +127,7 @@ class RandomShield:
       and none could by going straight for a place that the command leads to.
     - A monitor that is made for it alone, and knows only what was seen last, proves it as well.
     - Its samples keep the limits of position, velocity, acceleration and jerk. So does what the arm
-      follows, at each millisecond, also where one command replaces another.
+      follows, every two milliseconds, also where one command replaces another.
     - It goes on from the one before without a jump, also where the arm has come to rest.
     - Where the caller is silent until its end, the arm rests there, and goes on from there.
 
@@ -184,7 +184,7 @@ class RandomShield:
         self._is_misled = False
         self.now = 0.0
         self.q, self.v = HOME.copy(), np.zeros(7)
-        self._was: deque[State] = deque([State(0.0, self.q, self.v)], maxlen=300)
+        self._was: deque[State] = deque([State(0.0, self.q, self.v)], maxlen=150)
         self._followed: deque[tuple[np.ndarray, ...]] = deque(maxlen=OVER + 1)
         self._command: Command | None = None
         # Whether the arm is where it is, and not where its command has it.
@@ -260,7 +260,7 @@ class RandomShield:
     def _ask(self) -> None:
         """One step of the shield, and a look at its command."""
         random = self._random
-        if random.random() < 0.03:
+        if random.random() < 0.02:
             self._change_wish()
         if random.random() < 0.02:
             self._silent = int(random.choice([1, 3, 20, 60]))
@@ -291,7 +291,7 @@ class RandomShield:
         random, robot, chance = self._random, self._robot, self._random.random()
         late = 0
         if chance > 0.95:
-            late = int(random.choice([1, 5, 20, 299], p=[0.45, 0.45, 0.09, 0.01]))
+            late = int(random.choice([1, 3, 10, 149], p=[0.45, 0.45, 0.09, 0.01]))
         state = self._was[-1 - min(late, len(self._was) - 1)]
         noise = random.uniform(-1.0, 1.0, (2, 7))
         q = state.q + noise[0] * robot.position_error
@@ -478,7 +478,8 @@ class RandomShield:
         last_q, last_v, _ = self._followed[-2]
         assert (np.abs(v) <= limits.velocity + 1e-6).all()
         self._check_accelerations(v, a)
-        assert np.abs(q - last_q - 0.5 * STEP * (v + last_v)).max() <= 1e-6, "jumps"
+        most = (STEP**3 / 12.0 + JUMP**3 / 6.0) * limits.jerk
+        assert (np.abs(q - last_q - 0.5 * STEP * (v + last_v)) <= most).all(), "jumps"
         assert (
             np.abs(v - last_v) <= STEP * np.maximum(limits.acceleration, limits.braking) + 1e-5
         ).all()
