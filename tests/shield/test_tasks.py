@@ -91,7 +91,19 @@ def test_points_that_nobody_accepts_are_dropped():
     task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
     motion = first(task, rest, 0.0)
     assert task.count_passed(motion) == 1
+    # It goes on to where its stop begins, also where no more is proved.
+    assert len(list(task.offer(motion, 0.01))) == 2
+    assert list(task.offer(motion, 0.02)) == []
+    assert task.count_passed(motion) == 1
+    assert task.find_scale(motion, AHEAD) == 1.0
+    assert task.find_scale(motion, AHEAD + 0.01) == 0.0
+    # A motion that some other task made passes none.
+    other = KeepVelocity(LIMITS, LOWER, UPPER, PERIOD, AHEAD)
+    other.velocity = np.ones(3)
+    assert task.count_passed(first(other, rest, 0.0)) == 0
     # On another motion the rest of the points counts no more.
+    task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
+    assert first(task, rest, 0.0) is not None
     assert list(task.offer(Rest(np.ones(3) * 0.5, 0.1), 0.1)) == []
 
 
