@@ -470,8 +470,9 @@ class Verdict(NamedTuple):
     """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
     which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
     proved_until: float | None = None
-    """By when the arm surely rests at the end of the committed piece that the verdict rests on, and
-    that is proved safe; the latest time where it may be on several. None: it is on none."""
+    """When the arm rests at the latest, in [s] of the joint states' stamps, if it follows its
+    committed piece. The piece is proved safe to its end. Of several such pieces the latest counts.
+    None: the arm is on no such piece."""
     held: Held | None = None
     """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
     harm_time: float = 0.0

@@ -34,13 +34,13 @@ from armguard.exceptions import ArmguardError
 Array = NDArray[np.float64]
 
 LARGEST_BODY = 3.0
-"""What joints are off their middle at the most, in [m], in the median: beyond, it is another
-unit."""
+"""Most that joints are off their middle, in [m], in the median; more is another unit."""
 
 SMALLEST_BODY = 0.03
-"""Likewise at the least, in [m], of a body of which `JOINTS_OF_A_BODY` are seen."""
+"""Least that they are off it, in [m], where `JOINTS_OF_A_BODY` are seen."""
 
 JOINTS_OF_A_BODY = 8
+"""So many joints spread at least over a trunk."""
 
 MOST_PROBLEMS = 50
 """Problems of frames that are counted by themselves."""
@@ -509,7 +509,7 @@ _LIST_BODIES = {
 def _name_people(
     bodies: list[tuple[object, Any, Any]],
 ) -> Iterator[tuple[str, Any, Any]]:
-    """Bodies with names: of two who are not tracked nobody knows who is who."""
+    """Bodies with names. Two people whom nothing tracks could be mistaken for each other."""
     names = []
     for id, _, _ in bodies:
         if isinstance(id, bool) or not isinstance(id, int | str):

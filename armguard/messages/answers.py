@@ -101,8 +101,8 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
     level is another"""
     proved_until: float | None
-    """by when the arm surely rests at the end of the committed piece that the verdict rests on, and
-    that is proved safe, [s] of the machine's monotonic clock; nil where it is on none"""
+    """when the arm rests at the latest, if it follows its committed piece, which is proved safe to
+    its end, [s] of the machine's monotonic clock; nil where it is on no such piece"""
     held: HeldMessage | None
     """why the level is held, though this tick alone would earn a higher one; nil: it is not"""
     harm_time: Figure

@@ -184,7 +184,7 @@ class CommittedPieces:
 
     @property
     def proved_until(self) -> float | None:
-        """By when an arm on any of the proved pieces surely rests, in [s]; None: it is on none."""
+        """When an arm on any of the proved pieces rests at the latest, in [s]; None: on none."""
         if not self.is_proved:
             return None
         return max(_find_end(piece.course) for piece in self._pieces)

@@ -1,8 +1,8 @@
 """What happens while the arm touches somebody, as is permitted: it is told, and must not press on.
 
 From the first tick in which a link meets a body part, by what was measured, the verdict is a STOP
-until the part has left, or the link recedes. The proofs about all other obstacles rest on one more
-premise then: that the contact moves no joint. Each joint state tests it.
+until the part has left. The proofs about all other obstacles rest on one more premise then: that
+the contact moves no joint. Each joint state tests it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ContactWatch:
 
     @property
     def is_touching(self) -> bool:
-        """Whether a link touched something in the last tick, and did not recede."""
+        """Whether a link touched something in the last tick."""
         return self._pair != NOBODY
 
     def update(self, tick: Tick, expiry: float, *, is_on_piece: bool) -> list[Reason]:

@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
+from armguard.jit.kernels import kernel
 from armguard.monitor.late_data import LOOK_INTERVAL, LateData
 from armguard.monitor.second_look import NearPairs, SecondLook
 from armguard.obstacles.broken_bounds import BROKEN_FACTOR
@@ -28,6 +30,27 @@ MOST_NAMED = 3
 
 Doubts = dict[ReasonKind, list[int]]
 """By kind, rows of near obstacles of which there is that doubt."""
+
+
+@kernel
+def sum_up_doubts(handle: Any, now: float, usual: float) -> int:
+    """A number that tells which bodies are in doubt; 0 where none is, and seldom alike for others.
+
+    Args:
+        handle: On the table's `Rows`.
+        now: Time of the tick on the obstacles' clock, in [s].
+        usual: Bodies that were not seen for longer than this may be hidden, in [s].
+    """
+    table = handle.content
+    accepted, marks, breaks = table.accepted, table.marks, table.breaks
+    total = 0
+    for row in range(marks.alive.shape[0]):
+        if marks.alive[row] and marks.has_state[row] and not marks.static[row]:
+            stamp = accepted.stamp[row]
+            is_wide = breaks.further[row] > 0 or stamp <= breaks.until[row]
+            kinds = is_wide + 2 * marks.refused[row] + 4 * (now - stamp > usual)
+            total += kinds * (8 * row + 1)
+    return total
 
 
 class DoubtfulStates:
@@ -51,53 +74,63 @@ class DoubtfulStates:
         self._scheduler = scheduler
         self._look_again = look_again
         self._late_data = late_data
+        sum_up_doubts(obstacles.table.handle, 0.0, math.inf)  # compiled here, not in a tick
         self.reset()
 
     def reset(self) -> None:
         """Time may start anew."""
-        self._asked: tuple[Level, tuple[tuple[ReasonKind, int], ...]] | None = None
+        self._asked: tuple[Level, int] | None = None
         self._asked_at = -math.inf
-        self._matter: tuple[ReasonKind, ...] = ()
+        self._told: list[tuple[ReasonKind, int, str]] = []
 
     def explain(self, tick: Tick, level: Level) -> list[Reason]:
         """Reasons that name the doubts without which the level of a tick would be higher.
 
         Where no kind of doubt makes the difference by itself, and all together do, all are named.
-        What matters is looked up anew after `LOOK_INTERVAL`, and where doubts are others.
+        What matters is looked up anew after `LOOK_INTERVAL`, and where the level is another or
+        there are doubts about other bodies, near or not.
 
         Args:
             tick: The tick.
             level: What it earns by itself, below CLEAR, for nothing but contact times.
         """
-        near = self._look_again.find_near(tick)
-        doubts = self._find_doubts(near, tick.now)
-        if not doubts:
+        table, ids = self._obstacles.table, self._obstacles.ids
+        known = sum_up_doubts(table.handle, tick.now, self._late_data.find_shortest_usual())
+        if known == 0:
             return []
-        asked = level, tuple((kind, row) for kind, rows in doubts.items() for row in rows)
+        asked = level, known
         if asked != self._asked or not 0.0 <= tick.now - self._asked_at < LOOK_INTERVAL:
             self._asked, self._asked_at = asked, tick.now
-            self._matter = self._find_matter(tick, level, near, doubts)
+            near = self._look_again.find_near(tick)
+            doubts = self._find_doubts(near, tick.now)
+            matter = self._find_matter(tick, level, near, doubts) if doubts else ()
+            self._told = [
+                (kind, row, ids[row]) for kind in matter for row in doubts[kind][:MOST_NAMED]
+            ]
         return [
-            Reason(kind, self._obstacles.ids[row], self._describe(kind, row, tick.now))
-            for kind in self._matter
-            for row in doubts[kind][:MOST_NAMED]
+            Reason(kind, name, self._describe(kind, row, tick.now))
+            for kind, row, name in self._told
+            if ids[row] == name and kind in self._find_kinds(row, tick.now)
         ]
 
     def _find_doubts(self, near: NearPairs, now: float) -> Doubts:
-        table, doubts = self._obstacles.table, Doubts()
+        doubts = Doubts()
         for row in near.rows.tolist():
-            if not table.has_state[row] or table.static[row]:
-                continue
-            kinds = []
+            for kind in self._find_kinds(row, now):
+                doubts.setdefault(kind, []).append(row)
+        return doubts
+
+    def _find_kinds(self, row: int, now: float) -> list[ReasonKind]:
+        """What is in doubt about a body."""
+        table, kinds = self._obstacles.table, []
+        if table.has_state[row] and not table.static[row]:
             if table.breaks.further[row] > 0 or table.stamp[row] <= table.breaks.until[row]:
                 kinds.append(ReasonKind.WIDENED_BOUNDS)
             if table.refused[row]:
                 kinds.append(ReasonKind.REFUSED_ALTERNATIVE)
             if self._late_data.find_hidden(row, now) > 0.0:
                 kinds.append(ReasonKind.HIDDEN)
-            for kind in kinds:
-                doubts.setdefault(kind, []).append(row)
-        return doubts
+        return kinds
 
     def _find_matter(
         self, tick: Tick, level: Level, near: NearPairs, doubts: Doubts

@@ -223,6 +223,10 @@ class LateData:
         # What is as old as all that its source has sent is late, and not hidden.
         return age if self._obstacles.source_states[owner].newest > table.stamp[row] else 0.0
 
+    def find_shortest_usual(self) -> float:
+        """What every source sends within, in [s], in the usual way; inf where there is none."""
+        return min((ages.latest_usual for ages in self._source_ages), default=math.inf)
+
     def find_usual(self, row: int) -> float:
         """The usual age of what the source of a body sends, in [s]."""
         return self._source_ages[int(self._obstacles.table.owner[row])].median or 0.0

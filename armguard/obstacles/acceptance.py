@@ -318,6 +318,12 @@ def _find_told_bounds(told: Told, row: int, sample: States) -> tuple[float, floa
 
 
 @kernel
+def _can_move_so(accel: float, speed: float, most_accel: float, most_speed: float) -> bool:
+    """Whether a body may have shown this, in [m/s²] and [m/s]; inf: nothing can be said of it."""
+    return max(accel, speed) < math.inf and accel <= most_accel and speed <= most_speed
+
+
+@kernel
 def _note_break(handle: Any, row: int, sample: States) -> None:
     """Let a refused sample be undecided if a body could have moved so since the sample before it.
 
@@ -333,13 +339,13 @@ def _note_break(handle: Any, row: int, sample: States) -> None:
     most_accel, most_speed = max(accel, limits[1]), max(speed, limits[0])
     if marks.confirmations[row] > 0:
         seen_accel, seen_speed = measure_bounds(candidates, row, sample)
-        if seen_accel <= most_accel and seen_speed <= most_speed:
+        if _can_move_so(seen_accel, seen_speed, most_accel, most_speed):
             if seen_accel > accel or seen_speed > speed:
                 begin_break(breaks, row, candidates, row, sample, accel, speed)
             return
     if marks.has_state[row] and not marks.static[row]:
         seen_accel, seen_speed = measure_bounds(accepted, row, sample)
-        is_possible = seen_accel <= most_accel and seen_speed <= most_speed
+        is_possible = _can_move_so(seen_accel, seen_speed, most_accel, most_speed)
         if is_possible and (seen_accel > accel or seen_speed > speed):
             begin_break(breaks, row, accepted, row, sample, accel, speed)
 
@@ -379,7 +385,7 @@ def _count_slow_break(handle: Any, row: int, sample: States) -> bool:
     breaks, accepted, limits = table.breaks, table.accepted, table.body_limits
     accel, speed = _find_told_bounds(table.told, row, sample)
     seen_accel, seen_speed = measure_bounds(table.reference_states, row, sample)
-    if not (seen_accel <= max(accel, limits[1]) and seen_speed <= max(speed, limits[0])):
+    if not _can_move_so(seen_accel, seen_speed, max(accel, limits[1]), max(speed, limits[0])):
         return False
     seen_accel = BROKEN_FACTOR * seen_accel if seen_accel > accel else 0.0
     seen_speed = BROKEN_FACTOR * seen_speed if seen_speed > speed else 0.0

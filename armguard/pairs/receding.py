@@ -40,7 +40,7 @@ from armguard.jit.numerics import SUM_ROUNDING
 from armguard.obstacles.possible_states import possible_states
 from armguard.pairs.contact_time import StatePlace, contact_distance, own_place
 from armguard.pairs.scene import Scene
-from armguard.pairs.touching import NO_LINK
+from armguard.pairs.touching import NO_LINK, find_touching_link
 
 RESTING = 1e-9
 """What counts as no motion, in [m]/[s]: velocities of a plan are rounded."""
@@ -200,30 +200,6 @@ def _presses(scene: Scene, node: int, state: StatePlace, motion: PieceMotion) ->
 
 
 @kernel
-def _is_touched(scene: Scene, row: int, watched: BoolArray, now: float) -> bool:
-    """Whether a sphere meets an obstacle as it was measured."""
-    marks, tree = scene.marks, scene.tree
-    for number in possible_states(marks, row):
-        state = own_place(scene, row, number, now)
-        bodies, place = scene.refused if state.is_refused else scene.bodies, state.place
-        for link in range(tree.root.shape[0]):
-            node = tree.root[link] if watched[link] else -1
-            while node >= 0:
-                center = scene.arm.centers[node]
-                distance, _, _, _ = distance_to_hull(
-                    center[0], center[1], center[2], bodies.points[place],
-                    bodies.velocities[place], bodies.point_count[place],
-                )  # fmt: skip
-                if distance > contact_distance(scene, node, bodies, state):
-                    node = tree.skip[node]
-                elif tree.first_child[node] >= 0:
-                    node = tree.first_child[node]
-                else:
-                    return True
-    return False
-
-
-@kernel
 def find_pressing_link(
     handle: Any, row: int, watched: BoolArray, motion: PieceMotion, now: float
 ) -> int:
@@ -240,7 +216,7 @@ def find_pressing_link(
     """
     scene = handle.content
     marks, tree = scene.marks, scene.tree
-    if not _is_touched(scene, row, watched, now):
+    if find_touching_link(handle, row, watched, now) == NO_LINK:
         return NO_LINK
     for number in possible_states(marks, row):
         state = own_place(scene, row, number, now)

@@ -1,13 +1,15 @@
-"""Which link a body part touches, by what was measured, and whether the link draws back from it.
+"""Which link a body part touches, by what was measured.
 
-A part that is touched may not be pushed along: a link whose cover meets the part's measured state,
-errors included, may only come to rest or recede. So a part is pressed no farther than one stop
-goes.
+A part that is touched may not be pushed along: an arm of which a link's cover meets the part's
+measured state, errors included, may only come to rest, or recede on a committed piece (`receding`).
+So a part is pressed no farther than one stop goes.
+
+Measured velocities do not say that an arm draws back. A part that is pushed against a compliant arm
+pushes it back as well, and the arm would press on as soon as it was told to go on.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from armguard.contact.gjk import distance_to_hull
@@ -20,25 +22,20 @@ NO_LINK = -1
 
 
 @kernel
-def _meets(scene: Scene, node: int, state: StatePlace) -> tuple[bool, bool]:
-    """Whether a sphere meets a body as it was measured, and whether it surely recedes from it."""
+def _meets(scene: Scene, node: int, state: StatePlace) -> bool:
+    """Whether a sphere meets a body as it was measured."""
     bodies = scene.refused if state.is_refused else scene.bodies
     center, place = scene.arm.centers[node], state.place
-    distance, x, y, z = distance_to_hull(
+    distance, _, _, _ = distance_to_hull(
         center[0], center[1], center[2], bodies.points[place], bodies.velocities[place],
         bodies.point_count[place],
     )  # fmt: skip
-    if distance > contact_distance(scene, node, bodies, state):
-        return False, False
-    velocity = scene.arm.velocities[node]
-    closing = velocity[0] * x + velocity[1] * y + velocity[2] * z
-    size = math.sqrt(x * x + y * y + z * z)
-    return True, closing + scene.arm.velocity_error[node] * size < 0.0
+    return not distance > contact_distance(scene, node, bodies, state)
 
 
 @kernel
 def find_touching_link(handle: Any, row: int, watched: Any, now: float) -> int:
-    """A link that touches an obstacle and does not recede from it; NO_LINK if there is none.
+    """A link that touches an obstacle; NO_LINK if there is none.
 
     Args:
         handle: On the tick's `Scene`, its arm prepared.
@@ -53,16 +50,13 @@ def find_touching_link(handle: Any, row: int, watched: Any, now: float) -> int:
         for link in range(tree.root.shape[0]):
             if not watched[link]:
                 continue
-            # Invariant: no sphere that was passed so far touches it without receding.
+            # Invariant: no leaf that was passed so far touches it.
             node = tree.root[link]
             while node >= 0:
-                meets, recedes = _meets(scene, node, state)
-                if not meets:
+                if not _meets(scene, node, state):
                     node = tree.skip[node]
                 elif tree.first_child[node] >= 0:
                     node = tree.first_child[node]
-                elif recedes:
-                    node = tree.skip[node]
                 else:
                     return link
     return NO_LINK

@@ -978,7 +978,7 @@ def recall_stops(
 
 @kernel
 def find_touch(handle: Any, moment: Moment, rows: IntArray) -> tuple[int, int]:
-    """Row and link of an obstacle that is touched as is permitted, and not receded from.
+    """Row and link of an obstacle that is touched as is permitted.
 
     NOBODY if there is none. A pair whose certificate holds does not touch. Each row's mark says
     from now on whether it is touched.

@@ -554,7 +554,7 @@ class Scheduler:
         return self.certificates.pair_harm.item(divmod(pair, self._links))
 
     def find_touch(self, tick: Tick) -> int:
-        """A pair that touches, as is permitted, and does not recede; NOBODY if there is none.
+        """A pair that touches, as is permitted; NOBODY if there is none.
 
         To be asked after the tick's evaluations, where contact limits are stated.
         """

@@ -16,13 +16,26 @@ from armguard.shield.motion import AlongPath, JointByJoint, Phase, Samples
 from armguard.shield.path import MotionLimits, TimedPath
 
 try:
-    from ruckig import ControlInterface, InputParameter, Result, Ruckig, Synchronization, Trajectory
+    from ruckig import (
+        ControlInterface,
+        InputParameter,
+        Result,
+        Ruckig,
+        RuckigError,
+        Synchronization,
+        Trajectory,
+    )
 except ModuleNotFoundError:
     raise ArmguardError(
         "armguard.shield",
         "needs the package ruckig, which is not installed",
         remedy="pip install 'armguard[shield]'",
     ) from None
+
+
+class MotionError(ArmguardError):
+    """There is no motion within limits from where an arm is said to be."""
+
 
 Values = Sequence[float] | FloatArray
 """Of each joint one."""
@@ -217,7 +230,10 @@ class JointChanges:
 
 def _make_trajectory(generator: Ruckig, given: InputParameter) -> Trajectory:
     trajectory = Trajectory(given.degrees_of_freedom)
-    result = generator.calculate(given, trajectory)
+    try:
+        result = generator.calculate(given, trajectory)
+    except (RuckigError, ValueError):  # the latter for results that have no name
+        result = Result.Error
     if result not in (Result.Working, Result.Finished):
-        raise ArmguardError("motion", f"is refused by Ruckig: {result} of {given}")
+        raise MotionError("motion", f"is refused by Ruckig: {result.name}")
     return trajectory

@@ -7,6 +7,7 @@ last phase brings everything to rest, where it stays.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -144,7 +145,9 @@ def _look_up(phases: Sequence[Phase], times: FloatArray) -> FloatArray:
     states = []
     for number, time in zip(numbers, times.tolist(), strict=True):
         begin, trajectory = phases[number]
-        states.append(trajectory.at_time(max(time - begin, 0.0)))
+        # Ruckig ends the whole process where a time is no finite number.
+        since = max(0.0, time - begin)
+        states.append(trajectory.at_time(since if since < math.inf else trajectory.duration))
     return np.array(states)
 
 

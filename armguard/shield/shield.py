@@ -26,11 +26,12 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.robot.brakes import find_gentlest_stop
+from armguard.shield.changes import MotionError
 from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, PlanChoice, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -44,6 +45,11 @@ class _Piece(NamedTuple):
 
     motions: tuple[tuple[float, Motion], ...]
     samples: Samples
+
+    @property
+    def end(self) -> float:
+        """When the arm rests at its end, in [s]."""
+        return self.motions[-1][1].end
 
     def find_motion(self, time: float) -> Motion:
         """What the arm is on at a time."""
@@ -66,6 +72,10 @@ class Shield:
         chunk_period: Between points of a chunk, in [s]; None: one period of the steps.
         tracking_error: How far joints may be off a command, in [rad] or [m]. One number, or (nv,).
         velocity_tracking_error: Alike, in [rad]/[s] or [m]/[s].
+
+    Attributes:
+        limits: That commands keep to. They brake as hard as is guaranteed under the monitor's
+            payload; after that has changed, the arm comes to rest first.
 
     Raises:
         ArmguardError: An argument is out of range, or the monitor was made for another motion.
@@ -96,26 +106,23 @@ class Shield:
             _read("velocity_tracking_error", velocity_tracking_error, joints),
         )
         in_force = settings.put_in_force(robot)
-        velocity = in_force.operating_velocity.copy()
-        brakes = robot.brakes.make_curves(monitor.payload)
-        braking = np.minimum(robot.acceleration_limit, find_gentlest_stop(brakes, velocity))
-        self.limits = limits = MotionLimits(
-            velocity,
+        self.limits = MotionLimits(
+            in_force.operating_velocity.copy(),
             in_force.operating_acceleration.copy(),
-            braking,
+            robot.acceleration_limit.copy(),
             _read("jerk", jerk, joints),
         )
         self._look_ahead = max(period, _read("look_ahead", look_ahead, 1)[0])
-        bounds = limits, robot.lower_position_limit, robot.upper_position_limit
-        times = period, self._look_ahead
-        self._velocity = KeepVelocity(*bounds, *times)
-        apart = period if chunk_period is None else _read("chunk_period", chunk_period, 1)[0]
-        self._points = FollowPoints(*bounds, *times, apart)
+        self._apart = period if chunk_period is None else _read("chunk_period", chunk_period, 1)[0]
         self._paths: FollowPaths | None = None
         self._task: Task | None = None
+        self._follow_payload()
         self._piece: _Piece | None = None
+        self._now = 0.0
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
+        error = robot.position_error + self._errors[0]
+        self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
@@ -174,17 +181,23 @@ class Shield:
                 Shape (k, nv).
         """
         verdict = self._monitor.step(now if stamp is None else stamp, q, v, now)
-        reason = self._choose_task(velocity, chunk)
+        time = _read_numbers(now)
+        if time is None or time.shape != ():
+            return self._go_on(verdict, _refuse("now", "is no finite number"))
+        now = self._now = float(time)
         piece = self._find_piece(now, q, v, verdict)
+        if self._payload != self._monitor.payload and (piece is None or piece.end <= now):
+            self._follow_payload()
+        reason = self._choose_task(velocity, chunk)
         if piece is None:
-            return Command(
-                *self._nowhere, False, now, 0.0, False, BRAKE, verdict, reason,
-                verdict.contact_speed,
-            )  # fmt: skip
+            return self._go_on(verdict, reason)
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
             shown: list[_Piece] = []
-            choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            try:
+                choice = self._monitor.fastest(self._show(self._task, piece, now, begin, shown))
+            except MotionError as error:
+                choice, reason = PlanChoice(None, ()), _refuse(error.offender, error.problem)
             if choice.verdicts and not choice.verdicts[0].safe:
                 reason = reason or choice.verdicts[0].reasons[0]
             if choice.number is not None:
@@ -205,6 +218,34 @@ class Shield:
             verdict.contact_speed,
             executed,
         )
+
+    def _go_on(self, verdict: Verdict, reason: Reason | None) -> Command:
+        """The motion that the arm is on, if there is one, in a step that finds no other.
+
+        Whether it is still proved is not known without a time.
+        """
+        piece = self._piece
+        samples = self._nowhere if piece is None else piece.samples
+        end = self._now if piece is None else float(samples.times[-1])
+        moves = bool(end > self._now and samples.v.any())
+        return Command(
+            *samples, False, end, 0.0, moves, BRAKE, verdict, reason, verdict.contact_speed
+        )
+
+    def _follow_payload(self) -> None:
+        """Keep to what brakes guarantee under the monitor's payload; for an arm that rests."""
+        monitor, robot, limits = self._monitor, self._monitor.robot, self.limits
+        self._payload = monitor.payload
+        brakes = robot.brakes.make_curves(self._payload)
+        braking = np.minimum(robot.acceleration_limit, find_gentlest_stop(brakes, limits.velocity))
+        self.limits = limits = limits._replace(braking=braking)
+        bounds = limits, robot.lower_position_limit, robot.upper_position_limit
+        times = self._period, self._look_ahead
+        self._velocity = KeepVelocity(*bounds, *times)
+        self._points = FollowPoints(*bounds, *times, self._apart)
+        if self._paths is not None:
+            self._paths.follow_limits(limits)
+        self._task = self._paths
 
     def _choose_task(self, velocity: ArrayLike | None, chunk: ArrayLike | None) -> Reason | None:
         """Take what is asked for; a reason where it cannot be used."""
@@ -235,20 +276,22 @@ class Shield:
     ) -> _Piece | None:
         """What the arm is on; None where nothing is known of where it is.
 
-        An arm that had to leave its motion, to brake by its own means, is taken to be where it was
-        measured once it rests and the motion has ended.
+        An arm whose motion is not proved any more may brake by its own means. It is taken to be
+        where it was measured once it rests and the motion has ended. So is one that is at rest and
+        on no proved motion: somebody may have moved it. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
-            ends = piece.samples.times[-1]
-            self._has_left |= verdict.stop == BRAKE and now < ends
-            if not (self._has_left and now >= ends):
+            is_proved = verdict.proved_until is not None
+            self._has_left |= not is_proved and now < piece.end
+            if now < piece.samples.times[-1] or (is_proved and not self._has_left):
                 return piece
         place, speeds = _read_numbers(q), _read_numbers(v)
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
-        if not (np.abs(speeds) <= self._at_rest).all():
+        is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
+        if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
         self._has_left = False
         rest = Rest(place, now)

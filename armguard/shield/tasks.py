@@ -8,13 +8,13 @@ still time to slow down gently, and that is what the others do.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from armguard.jit.arrays import FloatArray
 from armguard.jit.numerics import LIMIT_SLACK
-from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.changes import JointChanges, MotionError, PaceChanges
 from armguard.shield.motion import AlongPath, JointByJoint, Motion, Phase
 from armguard.shield.path import SAME_PLACE, MotionLimits, Path, TimedPath
 
@@ -29,6 +29,9 @@ CREEPING = 0.02
 
 FAR = 4.0
 """How many times farther ahead is looked where there are several paths to choose from."""
+
+FARTHEST_BACK = 10.0
+"""From no farther off its path, in [rad] and [m], an arm is led back to it."""
 
 PASSED = 1.0
 """How far ahead on its path an arm may have come to rest that left it to brake, in [s]."""
@@ -49,6 +52,27 @@ class Task(Protocol):
         """How fast a motion is at a time in [s], as a share of what was asked for; 0 to 1."""
 
 
+_Pace = TypeVar("_Pace", float, FloatArray)
+
+
+def _vary_pace(
+    wanted: _Pace, current: _Pace, look_ahead: float, period: float, share: float
+) -> Iterator[tuple[_Pace, float]]:
+    """What to go on at, and for how long in [s], before a motion stops; the best first.
+
+    Args:
+        wanted: What was asked for: a pace, or velocities.
+        current: What the arm goes at.
+        look_ahead: In [s].
+        period: Of steps, in [s].
+        share: Of full speed, that `current` is.
+    """
+    yield wanted, look_ahead
+    if share > CREEPING:
+        yield current, max(HOLD_SHARE * look_ahead, period)
+        yield GENTLE * current, period
+
+
 class FollowPaths:
     """Follows a path, or that of several on which the most progress is provable.
 
@@ -65,12 +89,27 @@ class FollowPaths:
     def __init__(
         self, paths: Sequence[Path], limits: MotionLimits, period: float, look_ahead: float
     ) -> None:
-        self._paths = [TimedPath(path, limits) for path in paths]
-        self._limits, self._period, self._look_ahead = limits, period, look_ahead
-        self._changes = PaceChanges(limits)
+        self._period, self._look_ahead = period, look_ahead
+        self._untimed = paths
+        self._paths = self._time(limits)
         self._path = self._paths[0]
         self._place = 0.0
         self._back: TimedPath | None = None
+
+    def follow_limits(self, limits: MotionLimits) -> None:
+        """Go on within other limits, from where the arm rests."""
+        number, before = self._paths.index(self._path), self._path
+        q = before.evaluate(np.array([self._place]))[0][0]
+        self._paths = self._time(limits)
+        self._path = after = self._paths[number]
+        # The clocks of both tell the same places in nearly the same proportions.
+        about = self._place * after.duration / before.duration
+        self._place, _ = after.find_nearest(q, about - PASSED, about + PASSED)
+        self._back = None
+
+    def _time(self, limits: MotionLimits) -> list[TimedPath]:
+        self._limits, self._changes = limits, PaceChanges(limits)
+        return [TimedPath(path, limits) for path in self._untimed]
 
     @property
     def progress(self) -> float:
@@ -97,6 +136,9 @@ class FollowPaths:
         elif not rests:
             return
         starts = list(self._find_starts(motion, begin))
+        if not starts:
+            far = f"is more than {FARTHEST_BACK:g} rad or m from where a joint rests"
+            raise MotionError("path", far)
         for lasting in (FAR * self._look_ahead, self._look_ahead)[len(starts) < 2 :]:
             for path, start in starts:
                 if start < path.duration:
@@ -125,7 +167,7 @@ class FollowPaths:
                 place, apart = path.find_nearest(q, 0.0, path.duration)
             if apart <= SAME_PLACE:
                 yield path, place
-            elif path is self._path:
+            elif path is self._path and apart <= FARTHEST_BACK:
                 # Back to the path, straight on, from where it was left to brake.
                 back = np.stack([q, path.evaluate(np.array([place]))[0][0]])
                 self._back = TimedPath(Path(back), self._limits)
@@ -135,14 +177,8 @@ class FollowPaths:
         self, path: TimedPath, place: tuple[float, float, float], begin: float
     ) -> Iterator[Motion]:
         """At full pace, at the same one, and slowing down gently."""
-        pace, ahead = place[1], self._look_ahead
-        options = [(1.0, ahead)]
-        if pace > CREEPING:
-            options += [
-                (pace, max(HOLD_SHARE * ahead, self._period)),
-                (GENTLE * pace, self._period),
-            ]
-        for wanted, lasting in options:
+        pace = place[1]
+        for wanted, lasting in _vary_pace(1.0, pace, self._look_ahead, self._period, pace):
             going = self._changes.go_and_stop(path, place, begin, lasting, wanted)
             if going is not None:
                 yield going
@@ -175,14 +211,12 @@ class KeepVelocity:
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         state = motion.sample(np.array([begin]))
-        wanted, ahead = self._clip(state.q[0]), self._look_ahead
+        wanted = self._clip(state.q[0])
         if motion.end <= begin and not wanted.any():
             return
         v = state.v[0]
-        options = [(wanted, ahead)]
-        if np.abs(v / self._limits.velocity).max() > CREEPING:
-            options += [(v, max(HOLD_SHARE * ahead, self._period)), (GENTLE * v, self._period)]
-        for velocity, lasting in options:
+        share = float(np.abs(v / self._limits.velocity).max())
+        for velocity, lasting in _vary_pace(wanted, v, self._look_ahead, self._period, share):
             yield self._changes.go_and_stop(state, begin, lasting, velocity)
 
     def find_scale(self, motion: Motion, time: float) -> float:

@@ -168,8 +168,8 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
             are stated.
         contact_speed: How fast an obstacle could be touched before the arm rests, in [m/s]; None:
             no limits are stated.
-        proved_until: By when the arm surely rests at the end of the proved piece that it is on, in
-            [s] of the monitor; None: it is on none.
+        proved_until: When the arm rests at the latest, if it follows the proved piece that it is
+            on, in [s] of the monitor; None: it is on none.
     """
 
     level: str

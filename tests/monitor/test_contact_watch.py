@@ -59,6 +59,22 @@ def test_a_touch_is_a_stop_from_its_first_tick_on_until_the_hand_leaves():
     assert not encounter.obstacles.table.touched[encounter.row()]
 
 
+@pytest.mark.parametrize("has_rested", [False, True])
+def test_an_arm_that_the_hand_pushes_back_may_not_go_on(has_rested):
+    """By what is measured it recedes, and told to go on its loop would press the hand."""
+    encounter = Encounter(0.02, reaction_time=0.002)
+    approach(encounter)
+    for _ in range(100 if has_rested else 0):
+        encounter.see(away=encounter.away)
+        encounter.step()
+    for k in range(100):
+        encounter.see(away=encounter.away)
+        encounter.v = go_straight((-0.0008 * k, 0.0, 0.0))
+        verdict = encounter.step(encounter.q + PERIOD * encounter.v)
+        assert verdict.level is Level.STOP
+        assert IN_CONTACT in kinds(verdict)
+
+
 def test_after_a_reset_nothing_counts_as_touched_until_it_touches(touched):
     row = touched.row()
     assert touched.obstacles.table.touched[row]
@@ -278,3 +294,23 @@ def test_an_arm_that_rests_anew_after_a_piece_was_not_moved_by_contact():
         verdict = encounter.step(curve(time))
         assert MOVED not in kinds(verdict)
     assert IN_CONTACT in kinds(verdict)
+    encounter.monitor.payload = 0.5  # nothing counts as a piece any more
+    for _ in range(100):
+        encounter.see(position=place)
+        verdict = encounter.step()
+        assert kinds(verdict) >= {IN_CONTACT}
+        assert MOVED not in kinds(verdict)
+    assert not encounter.monitor._judge.pieces.is_proved
+
+
+def test_an_arm_that_loses_its_piece_on_the_way_is_not_said_to_be_moved_while_it_brakes(touched):
+    tick, watch = touched.monitor._last[0], touched.monitor._contact
+    off = np.zeros(len(HOME))
+    told = []
+    for k, is_on_piece in enumerate((True, False, False, False)):
+        off[0] = 3.0 * k * panda().position_error[0]
+        later = tick._replace(now=tick.now + k * PERIOD, q=tick.q + off, stop_time=2.5 * PERIOD)
+        told.append({one.kind for one in watch.update(later, 0.0, is_on_piece=is_on_piece)})
+    assert all(told[k] == {IN_CONTACT} for k in range(4))
+    later = later._replace(now=later.now + PERIOD, q=later.q + off)
+    assert MOVED in {one.kind for one in watch.update(later, 0.0, is_on_piece=False)}

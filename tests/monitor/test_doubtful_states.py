@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from armguard.monitor.second_look import SecondLook
 from armguard.obstacles import Obstacles
 from armguard.verdict import Level, ReasonKind
 from support.panda_monitor import HOME, kinds, make_monitor, subjects
@@ -133,3 +134,22 @@ def test_widened_bounds_are_named_with_what_was_seen(nearer):
     assert found
     assert "counts with " in found[0].detail
     assert " m/s²" in found[0].detail
+
+
+def test_without_doubts_nothing_is_looked_at_twice(monkeypatch):
+    """Beside a body that is seen well, in each tick below CLEAR."""
+    looks, find_near = [], SecondLook.find_near
+
+    def count(self, tick):
+        looks.append(tick.now)
+        return find_near(self, tick)
+
+    monkeypatch.setattr(SecondLook, "find_near", count)
+    levels = {
+        verdict.level
+        for now, verdict, _ in watch(0.01, {"a": lambda now: [[1.0, 0.0, 0.6], [0.0] * 3]})
+        if now > SETTLED
+    }
+    assert levels
+    assert Level.CLEAR not in levels
+    assert not [now for now in looks if now > SETTLED]

@@ -709,3 +709,16 @@ def test_what_is_known_is_within_the_sample_or_what_was_known(seed):
         assert (states.accel[row], states.speed[row]) == (told[1]["accel"], told[1]["speed"])
         kept += found < stated or surer < told[1]["velocity_error"]
     assert kept > 0
+
+
+@pytest.mark.parametrize(("stamp", "points"), [(1.0, 1), (0.99, 1), (1.2, 1), (1.01, 3)])
+def test_without_limits_of_a_body_nothing_is_made_of_samples_that_cannot_be_compared(stamp, points):
+    table = Obstacles(accel=10.0, speed=2.0, body_limits=(np.inf, np.inf))
+    table.update(["hand"], 1.0, [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], radius=0.1)
+    places = np.full((1, points, 3), 5.0)
+    table.update(["hand"], stamp, places, np.zeros((1, points, 3)), radius=0.1)
+    assert table.take_faults()
+    breaks, row = table.table.breaks, table.row("hand")
+    assert breaks.further[row] == 0
+    assert (breaks.accel[row], breaks.speed[row]) == (0.0, 0.0)
+    assert (table.table.accel[row], table.table.speed[row]) == (10.0, 2.0)

@@ -7,7 +7,7 @@ from armguard import Obstacles
 from armguard.jit.handle import pack
 from armguard.jit.kernels import kernel
 from armguard.obstacles.partners import NO_PARTNER, find_partner
-from armguard.obstacles.regions import make_no_limits
+from armguard.obstacles.regions import RegionLimits, make_no_limits
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 
 CENTER = np.zeros(4)
@@ -27,14 +27,14 @@ def find(obstacles, name, now=0.3, horizon=0.3, limits=None):
     obstacles.tie_rows()
     table = obstacles.table
     row = obstacles.row(name)
-    limits = pack(make_no_limits() if limits is None else limits.resolve())
+    limits = pack(make_no_limits() if limits is None else RegionLimits(*limits.tabulate()))
     found = _find(table.handle, pack(table.tethers), limits, row, now, horizon, CENTER)
     return (None if found[0] == NO_PARTNER else obstacles.ids[found[0]]), found[1], found[2]
 
 
-def make_table():
+def make_table(**options):
     """A hidden elbow, 0.8 m from the middle, and a shoulder and a hand that are seen."""
-    obstacles = Obstacles(accel=10.0, speed=2.0)
+    obstacles = Obstacles(accel=10.0, speed=2.0, **options)
     obstacles.tether("elbow", "shoulder", 0.4, "measured")
     obstacles.tether("elbow", "hand", 0.3, "measured")
     see(obstacles, 0.0, elbow=0.8, hand=0.7, shoulder=1.1)
@@ -65,13 +65,9 @@ def test_a_partner_that_may_be_touched_says_nothing():
     limits = ContactLimits({"shoulder": ContactLimit(speed=0.5, source="test")})
     obstacles = make_table()
     assert find(obstacles, "elbow", limits=limits)[0] == "shoulder", "of no region"
-    obstacles = make_table()
-    obstacles.update(
-        ["shoulder"], 0.295, [[1.1, 0.0, 0.0]], np.zeros((1, 3)), radius=0.05,
-        position_error=0.01, velocity_error=0.1, region="shoulder",
-    )  # fmt: skip
+    obstacles = make_table(regions={"shoulder": "shoulder"})
     assert find(obstacles, "elbow")[0] == "shoulder"
-    assert find(obstacles, "elbow", limits=limits)[0] != "shoulder"
+    assert find(obstacles, "elbow", limits=limits)[0] == "hand"
 
 
 def test_an_obstacle_that_was_just_seen_needs_no_partner():

@@ -119,7 +119,7 @@ def test_every_command_is_what_the_monitor_has_committed_last():
 @pytest.mark.parametrize("seed", range(3))
 def test_on_proved_pieces_no_verdict_asks_an_arm_to_slow_down(seed):
     """One that obeys levels and scales as documented is as fast as one that ignores them."""
-    arm = ShieldedArm(seed, balls=2, reaction_time=0.1)
+    arm = ShieldedArm(seed, balls=2, settings={"reaction_time": 0.1})
     arm.shield.set_path(make_path(np.random.default_rng(seed)))
     proved = 0
     for _ in range(300):
@@ -218,6 +218,111 @@ def test_an_arm_that_was_left_to_brake_goes_back_to_its_path():
     assert arm.shield.progress == 1.0
 
 
+def drive_on(arm, steps=3000):
+    """Steps until the arm has done its path, or the steps are over; whether it had to leave one."""
+    has_left = False
+    for _ in range(steps):
+        command = arm.step()
+        has_left |= command.stop == BRAKE
+        if arm.shield.progress == 1.0 and not command.moving:
+            break
+    return has_left
+
+
+@pytest.mark.parametrize("moves", [True, False])
+@pytest.mark.parametrize(("before", "after"), [(0.0, 1.0), (1.0, 0.0)])
+def test_after_a_change_of_payload_the_arm_rests_and_goes_on_with_other_brakes(
+    before, after, moves
+):
+    arm = ShieldedArm(0, balls=0, settings={"payload": before, "joint_timeout": 2.0})
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(100):
+        command = arm.step()
+    assert command.moving
+    if not moves:
+        for _ in range(100):
+            arm.step(asks=False)
+        assert np.abs(arm.v).max() < 1e-12
+    old = arm.shield.limits.braking
+    came = arm.shield.progress
+    arm.monitor.payload = after
+    command = arm.step()
+    assert (command.stop == BRAKE) is moves
+    # It goes on along the path, not back to its beginning.
+    assert abs(arm.shield.progress - came) < 0.02
+    assert drive_on(arm) is moves
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+    new = arm.shield.limits.braking
+    assert (new < old).all() if after > before else (new > old).all()
+    arm.shield.limits = arm.shield.limits._replace(braking=np.maximum(new, old))
+    check_limits(arm)
+    # Of all that it was asked for, in all ways.
+    for wish in ({"velocity": NEAR}, {"chunk": arm.q + 0.005 * np.arange(1, 9)[:, None]}):
+        arm.monitor.payload = before
+        moving = 0
+        for _ in range(60):
+            moving += arm.step(**wish).moving
+        assert moving > 20
+        arm.monitor.payload = after
+        drive_on(arm, 100)
+
+
+def push(arm):
+    """Steps of an arm that is pushed by 0.02 rad within 0.3 s, until it is told to go on then.
+
+    Returns whether it was told that it is on no proved motion.
+    """
+    has_left, off = False, 0.0
+    for k in range(200):
+        turn = min(k, 30) * np.pi / 30
+        off, speed = 0.01 * (1.0 - np.cos(turn)), 0.01 * np.pi / 0.3 * np.sin(turn)
+        command = arm.shield.step(arm.now, arm.q + off, arm.v + speed)
+        has_left |= command.stop == BRAKE
+        if command.is_new and k > 30:
+            break
+        # Whatever it is told before is not taken up.
+        arm.now += 1.0 / RATE
+        arm.q, arm.v, _ = arm.command.at(arm.now)
+    arm.q, arm.command = arm.q + off, None
+    return has_left
+
+
+def test_an_arm_that_is_pushed_off_its_motion_is_told_and_goes_on_from_where_it_is():
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(100):
+        arm.step()
+    assert push(arm)
+    drive_on(arm)
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+
+
+def test_an_arm_that_was_pushed_while_it_rested_goes_on_from_where_it_is():
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    drive_on(arm)
+    push(arm)
+    path = Path(np.stack([arm.q, HOME]))
+    arm.shield.set_path(path)
+    drive_on(arm)
+    assert arm.q == pytest.approx(HOME, abs=1e-6)
+
+
+def test_after_a_reset_of_its_monitor_the_arm_rests_and_goes_on():
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(100):
+        arm.step()
+    arm.monitor.reset()
+    assert arm.step().stop == BRAKE
+    assert drive_on(arm)
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+    check_limits(arm)
+
+
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -238,3 +343,34 @@ def test_a_monitor_of_another_motion_is_refused():
     monitor = Monitor(Robot.load("panda"), Obstacles(sources=[]))
     with pytest.raises(ArmguardError, match="planned"):
         Shield(monitor, jerk=100.0)
+
+
+@pytest.mark.parametrize("now", [np.nan, np.inf, -np.inf, -1e9, None, "noon"])
+@pytest.mark.parametrize("steps", [0, 50])
+def test_a_time_that_is_none_leaves_the_arm_on_its_motion(now, steps):
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for _ in range(steps):
+        before = arm.step()
+    command = arm.shield.step(now, arm.q, arm.v)
+    assert not command.is_new
+    assert command.stop == BRAKE or now == -1e9
+    if steps:
+        assert command.moving
+        assert command.stop == BRAKE
+        assert np.array_equal(command.times, before.times)
+    else:
+        assert not command.moving
+
+
+@pytest.mark.parametrize("place", [4.0, 1e5, -1e9, 1e300])
+@pytest.mark.parametrize("wish", [{}, {"velocity": NEAR}, {"chunk": [HOME] * 3}])
+def test_an_arm_that_says_it_is_where_it_cannot_be_is_not_moved(place, wish):
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for tick in range(3):
+        command = arm.shield.step(tick / 250.0, np.full(7, place), np.zeros(7), **wish)
+        assert not command.moving
+        assert not command.is_new
+        assert command.stop == BRAKE
+        assert command.verdict.level is Level.STOP

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from armguard.shield.changes import MotionError
 from armguard.shield.motion import Rest
 from armguard.shield.path import Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity
@@ -102,3 +103,11 @@ def test_points_beyond_position_limits_are_clipped():
         motion = first(task, motion, begin) or motion
         begin += PERIOD
     assert motion.sample(np.array([begin])).q[0][0] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("far", [10.5, 1e5, 1e300])
+def test_far_from_its_path_an_arm_is_not_led_back(far):
+    """A joint that turns for ever may be that far from it."""
+    paths = FollowPaths([Path([[0.0] * 3, [0.5, 0.2, -0.3]])], LIMITS, PERIOD, AHEAD)
+    with pytest.raises(MotionError, match="path: is more than 10 rad or m from"):
+        list(paths.offer(Rest(np.full(3, far), 0.0), 0.1))

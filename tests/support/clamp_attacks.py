@@ -243,17 +243,12 @@ class Sphere(NamedTuple):
 class ClampFight(Fight):
     """As `Fight`, of an arm that clamps a part.
 
-    An arm that brakes does so until it rests, as a monitor with its usual delay after a STOP lets
-    it. Else an arm that a cart pushes back recedes, and may go on while the cart presses.
-
     Args:
         arm: Whose surface is that of its cover.
         operating: What its controller keeps to.
         seed: Of all that is drawn.
         limits: Of contact.
     """
-
-    goes_on = False
 
     def __init__(
         self, arm: Arm, operating: OperatingLimits, seed: Sequence[int], limits: ContactLimits

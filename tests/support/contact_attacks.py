@@ -36,7 +36,6 @@ RATE = 500.0  # ticks a second
 LATENCY, REACTION = 0.002, 0.02  # [s]
 HORIZON = 0.8  # for which motions are drawn, in [s]
 AFTER = 0.25  # for which an arm is watched that has touched, in [s]
-SETTLING = 0.03  # for which an arm is watched that rests for good, in [s]
 HEAD_RADIUS = 0.09  # [m]
 LOOKS = 7  # with which the shortest lead is found
 BEST = 8  # attacks of each kind that are remembered
@@ -195,9 +194,6 @@ class Fight:
         seed: Of all that is drawn.
         limits: Of contact, for the monitor; None: there is no monitor, and the arm obeys nobody.
     """
-
-    goes_on = True
-    """Whether an arm that brakes goes on in the first tick without a STOP."""
 
     def __init__(
         self,
@@ -473,7 +469,7 @@ class Fight:
                     is_told = due >= 0 and said[due]
                     if is_told and not brakes:
                         self._brake(hold, rate)
-                    brakes = is_told or (brakes and not self.goes_on)
+                    brakes = is_told
                 if place.head is not None and np.abs(arm.state[1]).max() > 1e-3:
                     away, _ = arm.find_nearest(place.head, HEAD_RADIUS + 0.5, nearest)
                     head_gap = min(head_gap, away - HEAD_RADIUS)
@@ -488,8 +484,6 @@ class Fight:
                 has_touched, end = True, t + AFTER
             rests = brakes and not arm.v.any()
             is_away = has_touched and contact.gap > 0.01 and place.head is None
-            if rests and not self.goes_on:
-                end = min(end, t + SETTLING)
             if not contact.is_pressed and (rests or is_away):
                 break
         return Attack(plan, stiffness, contact.finish(), head_gap)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from armguard.monitor import Monitor
@@ -60,7 +62,7 @@ class ShieldedArm:
         *,
         balls: int = 2,
         operating: bool = True,
-        reaction_time: float = 0.02,
+        settings: Mapping[str, object] | None = None,
         **options: object,
     ) -> None:
         random = np.random.default_rng(seed)
@@ -73,7 +75,7 @@ class ShieldedArm:
             rate=RATE,
             motion="planned",
             operating=limits if operating else None,
-            reaction_time=reaction_time,
+            **(settings or {}),
         )
         self.shield = Shield(self.monitor, jerk=JERK, rate=RATE, **options)
         self.command: Command | None = None

@@ -46,7 +46,10 @@ def listening_addresses(pid):
     """Local addresses, in the kernel's hexadecimal, on which a process accepts connections."""
     inodes = set()
     for descriptor in Path(f"/proc/{pid}/fd").iterdir():
-        target = os.readlink(descriptor)
+        try:
+            target = os.readlink(descriptor)
+        except FileNotFoundError:
+            continue  # it was closed meanwhile
         if target.startswith("socket:["):
             inodes.add(target[8:-1])
     addresses = set()

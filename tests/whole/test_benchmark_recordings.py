@@ -187,8 +187,11 @@ def test_an_arm_with_contact_limits_keeps_them(load, trajectory, people):
             obeyed = stage.obey(person, arm(trajectory), rule, 2.0, by_scale=False)
             assert obeyed.stopped_blocked <= obeyed.blocked <= obeyed.ticks
             beyond[rule.name] += sum(one.is_beyond for one in obeyed.touches if one.is_promised)
-            if rule is not blind:
+            if rule is monitor:
                 assert obeyed.stopped_blocked == obeyed.blocked
+            if rule is pieces:
+                # It may take up a piece that recedes from what it touches.
+                assert obeyed.stopped_blocked > 0 or not obeyed.blocked
     assert beyond.pop(blind.name) > 0
     assert not any(beyond.values())
 

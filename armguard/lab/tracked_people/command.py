@@ -67,7 +67,7 @@ def run_people(
         paths = sorted(Path(folder).glob("*.csv")) if folder else []
     if not paths:
         raise ArmguardError(
-            "recordings", "are named by nobody", remedy="name files, or set ARMGUARD_RECORDINGS"
+            "recordings", "are missing", remedy="name files, or set ARMGUARD_RECORDINGS"
         )
     if position_error is not None and not (0.0 <= position_error < math.inf):
         raise ArmguardError("--position-error", f"is {position_error}", expected="metres")

@@ -71,7 +71,7 @@ def test_programs_get_one_object(walk, capsys):
         (["{walk}", "--unit", "0"], "unit: is 0.0"),
         (["{walk}", "--unit", "0.001"], "is no recording of a body-tracking kit"),
         (["{walk}", "--rate", "inf"], "rate: is inf"),
-        ([], "recordings: are named by nobody; name files, or set ARMGUARD_RECORDINGS"),
+        ([], "recordings: are missing; name files, or set ARMGUARD_RECORDINGS"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(walk, options, message, capsys, monkeypatch):
