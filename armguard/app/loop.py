@@ -41,7 +41,7 @@ from armguard.streams.stamp_clocks import StampClock
 from armguard.verdict import Reason, ReasonKind, ResetVerdict, Verdict
 
 if TYPE_CHECKING:
-    pass
+    from armguard.shield.shield import Shield
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -361,7 +361,9 @@ class RunOptions:
     """Whether to ask the system for real-time scheduling and locked memory; what it refuses is told
     on standard error."""
     json_verdicts: bool = False
-    """Whether verdicts and answers to plans are sent as JSON, not as msgpack."""
+    """Whether verdicts, commands and answers are sent as JSON, not as msgpack."""
+    moves: bool = False
+    """Whether a shield moves the arm, as `[shield]` of the cell says."""
 
 
 def run(
@@ -392,6 +394,7 @@ def run(
         ArmguardError: If the cell cannot be made.
     """
     robot, obstacles, monitor = cell.build()
+    shield = cell.make_shield(monitor) if options.moves else None
     others = {
         other.name: OtherArm(
             other.robot.joints,
@@ -461,7 +464,7 @@ def run(
                 }
             )
         note = None if log is None else log.recorder.note
-        stepper = Stepper(monitor, edge, publisher.answer)
+        stepper = _make_stepper(monitor, shield, edge, publisher)
         loop = RateLoop(
             stepper, edge, inputs, clock, publisher.publish, publisher.answer, observers
         )
@@ -478,6 +481,16 @@ def run(
             return report
         log.recorder.write_pending()
         return report._replace(lost=log.recorder.lost)
+
+
+def _make_stepper(
+    monitor: Monitor, shield: Shield | None, edge: Edge, publisher: VerdictPublisher
+) -> Stepper:
+    if shield is None:
+        return Stepper(monitor, edge, publisher.answer)
+    from armguard.app.shield_stepper import ShieldStepper
+
+    return ShieldStepper(shield, monitor, edge, publisher)
 
 
 @contextlib.contextmanager

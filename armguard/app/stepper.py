@@ -64,6 +64,10 @@ class Stepper:
         for request in plans:
             verdict = judge_request(self.monitor, request, is_newest=request is plans[-1])
             self._answer(request.number, verdict)
+        for goal in self._edge.requests.goals:
+            if not goal.problem:
+                problem = "there is no shield here: `armguard shield` takes goals"
+                self._edge.faults.add("goal refused", "goals", goal.number, problem)
 
 
 def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) -> PlanVerdict:

@@ -32,6 +32,12 @@ except ModuleNotFoundError:
 MOST_SAMPLES = 200_000
 """Of a path; bounds the time that it takes to lay it out."""
 
+LEAST_STEP = 1e-7
+"""Between samples of a trajectory, in [s]."""
+
+LONGEST = 1e6
+"""Of a trajectory, in [s]."""
+
 SHARE = 0.5
 """How much of the guaranteed braking, and of the jerk, a timed path uses by itself: the rest is
 for changing the pace."""
@@ -92,9 +98,11 @@ class Path:
             shape = f"(samples, joints), 2 to {MOST_SAMPLES:,} samples"
             raise ArmguardError("path", f"has the shape {self.q.shape}", expected=shape)
         if self.times is not None and not (
-            self.times.shape == (count,) and (np.diff(self.times) > 0.0).all()
+            self.times.shape == (count,)
+            and (np.abs(self.times) <= LONGEST).all()
+            and (np.diff(self.times) >= LEAST_STEP).all()
         ):
-            expected = f"one for each of its {count} samples, rising"
+            expected = f"one for each of its {count} samples, rising, {LONGEST:g} s at most"
             raise ArmguardError("times of the path", "do not fit it", expected=expected)
 
 
@@ -257,6 +265,9 @@ def _find_fastest(waypoints: FloatArray, limits: MotionLimits) -> tuple[FloatArr
     passed = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[1:] + speed[:-1]))])
     # Building up the acceleration with the jerk takes so long.
     width = float((limits.acceleration / limits.jerk).max())
+    if not passed[-1] + width <= MOST_SAMPLES * KNOT:
+        longest = f"{MOST_SAMPLES * KNOT:g} s at most"
+        raise ArmguardError("path", f"takes {passed[-1]:.4g} s", expected=longest)
     times = np.linspace(0.0, passed[-1] + width, math.ceil((passed[-1] + width) / KNOT) + 4)
     until = _integrate(passed, way, times)
     mean = (until - _integrate(passed, way, times - width)) / width

@@ -26,6 +26,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.robot.brakes import find_gentlest_stop
+from armguard.robot.wrap_angle import align_turns, find_continuous
 from armguard.shield.changes import MotionError
 from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
@@ -122,21 +123,27 @@ class Shield:
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
         error = robot.position_error + self._errors[0]
+        self._error = error
         self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
+        self._continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
-    def set_path(self, path: Path | Sequence[Path]) -> None:
+    def set_path(self, path: Path | Sequence[Path] | None) -> None:
         """Follow a path from now on, or that of several on which the most progress is provable.
 
         An arm that moves comes to rest first. A path begins where the arm rests.
 
         Args:
-            path: One, or several that begin at the same place; the first ones are preferred.
+            path: One, or several that begin at the same place; the first ones are preferred. None:
+                nothing is left to do, and the arm rests.
 
         Raises:
             ArmguardError: There is none, or one is of other joints or not from rest to rest.
         """
+        if path is None:
+            self._paths = self._task = None
+            return
         paths = [path] if isinstance(path, Path) else list(path)
         if not paths:
             raise ArmguardError("path", "is none", expected="one or several")
@@ -278,18 +285,25 @@ class Shield:
 
         An arm whose motion is not proved any more may brake by its own means. It is taken to be
         where it was measured once it rests and the motion has ended. So is one that is at rest and
-        on no proved motion: somebody may have moved it. No motion begins beyond position limits.
+        on no proved motion: somebody may have moved it. And so is one that rests elsewhere than its
+        motion: the commands that led there were lost. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
             is_proved = verdict.proved_until is not None
             self._has_left |= not is_proved and now < piece.end
-            if now < piece.samples.times[-1] or (is_proved and not self._has_left):
+            if now < piece.samples.times[-1]:
                 return piece
         place, speeds = _read_numbers(q), _read_numbers(v)
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
+        if piece is not None:
+            rest = piece.samples.q[-1]
+            place = align_turns(place, rest, self._continuous)
+            is_there = (np.abs(place - rest) <= self._error).all()
+            if is_proved and is_there and not self._has_left:
+                return piece
         is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
         if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
