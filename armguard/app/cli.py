@@ -82,6 +82,8 @@ class Demo:
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
     """How many balls wander about the cell besides."""
+    shield: Flag = False
+    """A shield moves the arm, on proved motions alone; without it, the arm obeys verdicts."""
     schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0

@@ -125,6 +125,7 @@ class RateLoop:
         observers: Told of each verdict and of time to rest, one after the other.
 
     Attributes:
+        stepper: As above.
         monitor: What is stepped.
         clock: Tells time.
         durations: How long ticks took so far.
@@ -142,7 +143,7 @@ class RateLoop:
         answer: Callable[[int, ResetVerdict], None],
         observers: Sequence[Observer] = (),
     ) -> None:
-        self._stepper = stepper
+        self.stepper = stepper
         self.monitor = stepper.monitor
         self._edge = edge
         self._inputs = list(inputs)
@@ -217,11 +218,11 @@ class RateLoop:
         drained = read_clock()
         if edge.requests.is_reset:
             edge.requests.is_reset = False
-            self._stepper.reset()
+            self.stepper.reset()
             self._obeyed_resets += 1
         for exemption in edge.requests.exemptions:
             self._take_exemption(exemption)
-        verdict = self._stepper.step(now)
+        verdict = self.stepper.step(now)
         judged = read_clock()
         self._publish(verdict)
         self._sending.add(read_clock() - judged)
@@ -229,7 +230,7 @@ class RateLoop:
         self._drain.add(drained - begin)
         for number, obeyed in edge.requests.reset_verdicts:
             self._answer(number, obeyed)
-        self._stepper.answer()
+        self.stepper.answer()
         for observer in self._observers:
             observer.observe(self, verdict)
         return verdict

@@ -392,7 +392,7 @@ class _Observer(Observer):
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:
-            self._feed.note(verdict, loop.clock.now())
+            self._feed.note(verdict, loop.clock.now(), loop.stepper.command)
             # A loop that never rests is not to vanish from the page.
             self.rest(loop, 0.0)
 
@@ -405,4 +405,5 @@ class _Observer(Observer):
                 loop.late,
                 resets=loop.resets,
                 idle=idle,
+                shield=loop.stepper.shield,
             )

@@ -29,17 +29,13 @@ class ShieldStepper(Stepper):
         monitor: The shield's.
         edge: What the messages of a tick have gone through.
         publisher: Takes commands, and answers to plans.
-
-    Attributes:
-        command: Of the last tick; None where it had no joint state.
     """
 
     def __init__(
         self, shield: Shield, monitor: Monitor, edge: Edge, publisher: VerdictPublisher
     ) -> None:
         super().__init__(monitor, edge, publisher.answer)
-        self.command: Command | None = None
-        self._shield = shield
+        self.shield = self._shield = shield
         self._publish = publisher.command
         self._goal: GoalRequest | None = None
         self._chunk: FloatArray | None = None

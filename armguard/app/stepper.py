@@ -16,6 +16,8 @@ from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, Rese
 if TYPE_CHECKING:
     from armguard.bounds.planned.plan import Plan
     from armguard.pairs.arm_obstacles import ArmObstacles
+    from armguard.shield.command import Command
+    from armguard.shield.shield import Shield
 
 
 class Stepper:
@@ -28,6 +30,8 @@ class Stepper:
 
     Attributes:
         monitor: As above.
+        shield: What moves the arm; None: it is only watched.
+        command: Of the shield in the last tick; None where it had no joint state.
     """
 
     def __init__(
@@ -37,6 +41,8 @@ class Stepper:
         answer: Callable[[int, PlanVerdict | ResetVerdict], None],
     ) -> None:
         self.monitor = monitor
+        self.shield: Shield | None = None
+        self.command: Command | None = None
         self._edge = edge
         self._answer = answer
 

@@ -42,6 +42,10 @@ SHARE = 0.5
 """How much of the guaranteed braking, and of the jerk, a timed path uses by itself: the rest is
 for changing the pace."""
 
+SPEEDING = 0.8
+"""How much of the acceleration it uses at most. Where the guaranteed braking is great, nothing else
+would leave any for a greater pace, and an arm at rest would never set off."""
+
 PLACES = 256
 """Places between two waypoints at which the fastest timing is sought."""
 
@@ -136,7 +140,7 @@ class TimedPath:
             found = f"is of {path.q.shape[1]} joints"
             raise ArmguardError("path", found, expected=f"the robot's {joints}")
         own = limits._replace(
-            acceleration=np.minimum(limits.acceleration, SHARE * limits.braking),
+            acceleration=np.minimum(SPEEDING * limits.acceleration, SHARE * limits.braking),
             jerk=SHARE * limits.jerk,
         )
         if path.times is None:

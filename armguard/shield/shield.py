@@ -156,6 +156,17 @@ class Shield:
         paths = self._paths
         return 0.0 if paths is None else min(1.0, paths.progress / paths.duration)
 
+    def sample_path(self, count: int) -> FloatArray:
+        """Where the arm is asked to go: along what is left of the path that it is on.
+
+        Args:
+            count: How many places, >= 1.
+
+        Returns:
+            Joint positions, in [rad] or [m]. Shape (count, nv); (0, nv) without a path.
+        """
+        return self._nowhere.q if self._paths is None else self._paths.sample_rest(count)
+
     def reset(self) -> None:
         """Forget the motion that the arm was on, and reset the monitor; the arm must rest."""
         self._monitor.reset()
