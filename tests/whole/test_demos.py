@@ -13,6 +13,7 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from support.bags_made import START, STORE, header, joint_state, pose_array, transforms
+from support.driven_cell import find_host
 from support.quartic import smallest_root
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
@@ -56,6 +57,8 @@ def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
     parameters = inspect.signature(demo.main).parameters
     assert all(one.default is not one.empty for one in parameters.values())
     arguments = {name: value for name, value in QUICK.items() if name in parameters}
+    if "host" in parameters:
+        arguments["host"] = find_host()
     arguments |= {name: f"ipc://{tmp_path}/{name}" for name in SOCKETS & set(parameters)}
     demo.main(**arguments)
 

@@ -14,6 +14,7 @@ PATIENCE = 300.0  # a cold start compiles
 NOT_LOADED = (
     # whole wings
     "armguard.bridges",
+    "armguard.drivers",
     "armguard.gymnasium",
     "armguard.lab",
     "armguard.recording",
