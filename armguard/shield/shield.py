@@ -328,7 +328,7 @@ class Shield:
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
-                fill.append(knots[-1:] if len(fill) else knots[-1:] + self._period)
+                fill.append(knots[-1:] if fill else np.array([at, knots[-1] + self._period]))
             parts.append(one.sample(np.concatenate(fill)) if fill else None)
         samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
         samples.v[-1] = samples.a[-1] = 0.0
