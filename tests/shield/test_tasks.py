@@ -19,7 +19,7 @@ def test_the_best_motion_comes_first_and_all_begin_as_the_arm_goes_on():
     task = FollowPaths([Path([[0.0] * 3, [0.5, 0.2, -0.3]])], LIMITS, PERIOD, AHEAD)
     motion, begin = Rest(np.zeros(3), 0.0), 0.0
     for _ in range(60):
-        motion = first(task, motion, begin)
+        motion = first(task, motion, begin) or motion
         begin += PERIOD
     offered = list(task.offer(motion, begin))
     assert len(offered) == 3
@@ -52,7 +52,7 @@ def test_back_to_the_path_leads_to_where_it_was_left():
     task = FollowPaths([path], LIMITS, PERIOD, AHEAD)
     motion, begin = Rest(np.zeros(3), 0.0), 0.0
     for _ in range(80):
-        motion = first(task, motion, begin)
+        motion = first(task, motion, begin) or motion
         begin += PERIOD
     left = motion.sample(np.array([begin])).q[0]
     beside = Rest(left + np.array([0.0, 0.01, 0.0]), begin)
