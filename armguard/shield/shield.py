@@ -254,7 +254,12 @@ class Shield:
         monitor, robot, limits = self._monitor, self._monitor.robot, self.limits
         self._payload = monitor.payload
         brakes = robot.brakes.make_curves(self._payload)
-        braking = np.minimum(robot.acceleration_limit, find_gentlest_stop(brakes, limits.velocity))
+        # A joint whose brakes are stated by stopping times may guarantee less at lower speeds.
+        guaranteed = np.minimum(
+            find_gentlest_stop(brakes, limits.velocity),
+            find_gentlest_stop(brakes, np.zeros_like(limits.velocity)),
+        )
+        braking = np.minimum(robot.acceleration_limit, guaranteed)
         self.limits = limits = limits._replace(braking=braking)
         bounds = limits, robot.lower_position_limit, robot.upper_position_limit
         times = self._period, self._look_ahead

@@ -255,8 +255,14 @@ class Picture:
         paints = Paints.of(PROVED, len(end))
         yield drawing.draw_balls(f"{ROOT}/plan/ghost", end, paints, Look(GHOST_OPACITY))
         paints = Paints.of(PROVED, len(ribbon))
+        # The arm would hide most of it.
         yield drawing.draw_surface(
-            f"{ROOT}/plan/ribbon", ribbon, [1] * len(ribbon), paints, RIBBON_OPACITY
+            f"{ROOT}/plan/ribbon",
+            ribbon,
+            [1] * len(ribbon),
+            paints,
+            RIBBON_OPACITY,
+            is_on_top=True,
         )
         path = np.stack([ahead[:-1], ahead[1:]], axis=1)
         yield drawing.draw_rods(

@@ -6,36 +6,12 @@ import numpy as np
 import pytest
 
 from armguard.messages.answers import decode_answer, encode_command
-from armguard.messages.command import SAME_PLACE, SAME_VELOCITY, CommandMessage, pack
+from armguard.messages.command import SAME_PLACE, SAME_VELOCITY
 from armguard.messages.incoming import MessageError
-from armguard.messages.reasons import ReasonMessage
 from armguard.shield import Command
+from support.commands_made import COMMAND, TIMES, A, Q, V
 
 ENCODINGS = pytest.mark.parametrize("as_json", [False, True], ids=["msgpack", "json"])
-RANDOM = np.random.default_rng(5)
-TIMES = np.array([0.0, 0.004, 0.01, 0.05])
-Q, V, A = RANDOM.normal(size=(3, 4, 2))
-COMMAND = CommandMessage(
-    sequence=7,
-    stamp=1.0,
-    take_up_by=1.002,
-    valid_until=1.05,
-    names=["shoulder", "elbow"],
-    times=pack(TIMES),
-    q=pack(Q),
-    v=pack(V),
-    a=pack(A),
-    moving=True,
-    scale=0.5,
-    progress=0.25,
-    executed=3,
-    stop=None,
-    reason=ReasonMessage("contact", "hand and person", "in 0.2 s"),
-    contact_speed=None,
-    goal=2**63 - 1,
-    refused=None,
-    problem="",
-)
 EMPTY = msgspec.structs.replace(COMMAND, times=b"", q=b"", v=b"", a=b"", stop="brake")
 
 

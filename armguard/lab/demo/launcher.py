@@ -11,6 +11,7 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import secrets
 import subprocess
@@ -111,6 +112,9 @@ def run_demo(wishes: cli.Demo) -> int:
     if not is_known(robot):
         robot = str(find_robot(robot).resolve())  # its processes may be in another folder
     check_robot(robot)
+    if wishes.shield:
+        # What it needs beside armguard is told now, not by a process that dies later.
+        importlib.import_module("armguard.shield.shield")
     if record is not None:
         check_new(record)
     if export is not None:
