@@ -169,8 +169,9 @@ class ShieldedRobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 command = reader.command
                 if command is not None and command is not followed and command.joins(q, v, now):
                     followed = command
-                is_taken = command is not None and command.goal == goal
-                is_done = is_taken and command.progress == 1.0 and not command.moving
+                is_taken = is_done = False
+                if command is not None and command.goal == goal:
+                    is_taken, is_done = True, command.progress == 1.0 and not command.moving
                 if is_done or (not is_taken and now > asked + GOAL_PATIENCE):
                     ways += is_done
                     target = waypoints[(ways + 1) % len(waypoints)]
