@@ -87,6 +87,26 @@ def test_where_nothing_is_near_the_arm_does_what_it_is_asked_to():
     assert set(told) == {"level", "scale", "reason", "contact_time", "contact_speed"}
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_beyond_limits_is_done_within_them(kind):
+    env = ShieldedEnv(JointEnv(kind, balls=0))
+    inner, random = env.unwrapped, np.random.default_rng(0)
+    robot = inner.robot
+    env.reset(seed=0)
+    before = inner.v
+    for step in range(80):
+        if step % 20 == 0:
+            far = random.choice([-4.0, 4.0], 7)
+        env.step(np.tile(far, (POINTS, 1)) if kind == "chunk" else far)
+        assert (np.abs(inner.v) <= 0.4 * robot.velocity_limit).all()
+        change = robot.acceleration_limit * inner.period
+        assert (np.abs(inner.v - before) <= change).all()
+        before = inner.v
+        assert (inner.q >= robot.lower_position_limit).all()
+        assert (inner.q <= robot.upper_position_limit).all()
+    assert env.command.stop is None
+
+
 def test_an_arm_goes_to_a_position_and_rests_there():
     env = ShieldedEnv(JointEnv("position", balls=0))
     env.reset(seed=0)

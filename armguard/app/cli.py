@@ -82,6 +82,8 @@ class Demo:
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
     """How many balls wander about the cell besides."""
+    shield: Flag = False
+    """A shield moves the arm, on proved motions alone; without it, the arm obeys verdicts."""
     schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0
@@ -124,7 +126,7 @@ class Run:
     joints: Annotated[str | None, _default(JOINTS_ADDRESS)] = None
     """Address to bind for joint states."""
     verdicts: str = VERDICTS_ADDRESS
-    """Address to bind for readers of verdicts."""
+    """Address to bind for readers of verdicts, and of commands."""
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
     reset_token: str | None = None
@@ -138,7 +140,7 @@ class Run:
     json: Flag = False
     """Print the summary as one JSON object."""
     json_verdicts: Flag = False
-    """Send verdicts as JSON objects, not as msgpack maps."""
+    """Send verdicts and commands as JSON objects, not as msgpack maps."""
     premises: Flag = False
     """Tell every premise that verdicts rest on, a line each."""
     quiet: Flag = False
@@ -148,11 +150,28 @@ class Run:
 
     def run(self) -> int:
         """Run until the end of the duration, of standard input, or Ctrl-C."""
+        return self._supervise(moves=False)
+
+    def _supervise(self, *, moves: bool) -> int:
         if self.parent is not None:
             end_with(self.parent)
         from armguard.app.run import supervise
 
-        return supervise(self)
+        return supervise(self, moves=moves)
+
+
+@command
+class Shield(Run):
+    """Move an arm on proved motions alone: goals and joint states streamed in, commands out.
+
+    Takes what `armguard run` takes, and goals beside it. The cell file needs [shield].
+
+    Example: armguard shield demos/shield.toml --view tcp://127.0.0.1:5704
+    """
+
+    def run(self) -> int:
+        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        return self._supervise(moves=True)
 
 
 @command
@@ -642,7 +661,7 @@ class Robots:
 
 
 GROUPS: dict[str, dict[str, type[Command]]] = {
-    "run": {"demo": Demo, "run": Run, "drive": Drive, "reset": Reset},
+    "run": {"demo": Demo, "run": Run, "shield": Shield, "drive": Drive, "reset": Reset},
     "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
     "prepare": {
         "robot": NewRobot,

@@ -56,6 +56,9 @@ def words_of(tmp_path, recording, monkeypatch):
     camera.write_text("\n".join(frames))
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
     cell.write_text('[robot]\nname = "panda"\noperating = "published"\n[sources]\n')
+    moved = tmp_path / "moved.toml"
+    planned = 'motion = "planned"\nrate = 100.0\n[shield]\njerk = 500.0\n'
+    moved.write_text(f"{cell.read_text()}[monitor]\n{planned}")
     driven = tmp_path / "driven.toml"
     driven.write_text(
         'sources = {}\n[robot]\nname = "ur5e"\n[robot.driver]\n'
@@ -69,6 +72,7 @@ def words_of(tmp_path, recording, monkeypatch):
     return {
         "demo": (["--duration", "0.3", "--no-view"], "ticks"),
         "run": ([str(cell), "--duration", "0.05", "--no-realtime", *addresses], "ticks"),
+        "shield": ([str(moved), "--duration", "0.05", "--no-realtime", *addresses], "ticks"),
         "drive": ([str(driven), "--duration", "0.1"], "counts"),
         "reset": ([f"ipc://{tmp_path}/nobody", "--token", "x"], "obeyed"),
         "replay": ([str(recording)], "identical"),

@@ -335,6 +335,67 @@ def test_an_arm_that_was_pushed_while_it_rested_goes_on_from_where_it_is():
     assert arm.q == pytest.approx(HOME, abs=1e-6)
 
 
+def test_the_place_of_an_arm_that_rests_does_not_creep_after_it():
+    arm = ShieldedArm(0, balls=0)
+    for k in range(30):
+        # It sags while nothing is asked of it.
+        command = arm.shield.step(arm.now, HOME - 5e-5 * k, np.zeros(7))
+        arm.now += 1.0 / RATE
+        assert command.q[-1] == pytest.approx(HOME, abs=0.0)
+
+
+@pytest.mark.parametrize("wrong", [{"off": 1.0}, {"off": np.nan}, {"late": 0.5}])
+def test_the_place_of_an_arm_that_rests_follows_no_joint_state_that_is_not_believed(wrong):
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    drive_on(arm)
+    place = arm.q
+    place_said = place + wrong.get("off", 0.0)
+    for _ in range(3):
+        stamp = arm.now - wrong.get("late", 0.0)
+        command = arm.shield.step(arm.now, place_said, np.zeros(7), stamp)
+        assert command.verdict.level is Level.STOP
+        assert command.at(arm.now)[0] == pytest.approx(place, abs=1e-9)
+        arm.now += 1.0 / RATE
+    arm.shield.reset()
+    arm.shield.set_path(Path(np.stack([place, HOME])))
+    drive_on(arm)
+    assert arm.q == pytest.approx(HOME, abs=1e-6)
+
+
+def test_an_arm_that_missed_commands_goes_on_from_where_it_came_to_rest():
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(60):
+        arm.step()
+    for _ in range(100):
+        arm.see()
+        arm.shield.step(arm.now, arm.q, arm.v)  # the answer is lost
+        arm.step(asks=False)
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    moved = len(arm.moved)
+    drive_on(arm)
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+    places = np.array([q for q, *_ in arm.moved[moved:]])
+    assert np.abs(np.diff(places, axis=0)).max() < 2e-3
+
+
+def test_an_arm_without_anything_left_to_do_comes_to_rest():
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for _ in range(60):
+        arm.step()
+    assert arm.command.moving
+    arm.shield.set_path(None)
+    for _ in range(60):
+        arm.step()
+    assert not arm.command.moving
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    assert arm.shield.progress == 0.0
+
+
 def test_after_a_reset_of_its_monitor_the_arm_rests_and_goes_on():
     arm = ShieldedArm(0, balls=0)
     path = make_path()

@@ -12,7 +12,7 @@ from support.shielded_arm import ACCEL, HOME, RADIUS, SPEED, Ball
 
 PERIODS = {"velocity": 0.02, "position": 0.02, "chunk": 0.1}
 POINTS = 5
-FINE = 10  # parts of a point, in which the balls and the arm move on
+FINE = 5  # parts of a point, in which the balls and the arm move on
 
 
 class JointEnv(gymnasium.Env):

@@ -27,7 +27,7 @@ NEEDS = {
     "05_mujoco": "mujoco",
     "06_ros2_bridge": "rclpy",
     "10_depth_camera": "mujoco",
-    "12_learning": "gymnasium",
+    "13_learning": "gymnasium",
 }
 
 
@@ -77,7 +77,7 @@ def test_in_mujoco_a_supervised_arm_touches_nothing_while_it_moves_and_another_d
 def test_with_a_shield_a_learner_touches_nobody_and_without_one_it_does():
     """MuJoCo finds the contacts, knowing nothing of armguard's covers."""
     pytest.importorskip("gymnasium")
-    demo = load_demo(next(path for path in DEMOS if path.stem == "12_learning"))
+    demo = load_demo(next(path for path in DEMOS if path.stem == "13_learning"))
     found = demo.main(1000)
     assert found["with a shield"].contacts == 0
     assert found["with a shield"].placed > 0

@@ -353,14 +353,33 @@ class ThresholdsTable(_Table):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
 
 
+class ShieldTable(_Table, kw_only=True):
+    """`[shield]`: how `armguard shield` moves the arm; its rate is that of `[monitor]`.
+
+    It needs `motion = "planned"` there, and `robot.operating` says how fast the arm moves.
+    """
+
+    jerk: Positive | list[Positive]
+    """The greatest jerk of all joints, or of each, in [rad/s³] or [m/s³]."""
+    look_ahead: Positive | UnsetType = UNSET
+    """For how long the arm must be able to go on as fast as it was asked to, in [s]: less gets more
+    work done, more brakes more gently."""
+    chunk_period: Positive | UnsetType = UNSET
+    """Between points of a chunk, in [s]."""
+    tracking_error: Positive | list[Positive] | UnsetType = UNSET
+    """How far all joints, or each, may be off a command, in [rad] or [m]."""
+    velocity_tracking_error: Positive | list[Positive] | UnsetType = UNSET
+    """How far their velocities may be off, in [rad/s] or [m/s]."""
+
+
 class ClientTable(_Table):
     """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
 
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
     """Its public key, 40 characters, as `armguard keys new` prints it."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, and contact
-    that is wanted), `verdicts`, `reset`, `view`."""
+    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, goals, and
+    contact that is wanted), `verdicts` (and commands), `reset`, `view`."""
     arms: list[Name] = []
     """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
 
@@ -420,6 +439,8 @@ class CellTables(_Table, kw_only=True):
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
     """Times that decide about levels and faults."""
+    shield: ShieldTable | None = None
+    """How a shield moves the arm; `armguard run` leaves it alone."""
     separation: SeparationRule | None = None
     """The usual rule's distance."""
     keys: KeysTable | None = None
