@@ -41,6 +41,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Address of verdicts."""
     arm: str = ""
     """Which of several arms it is; empty where there is one."""
+    follows: bool = False
+    """Whether the commands of a shield move the arm; otherwise its own program does."""
     measure: int = 0
     """How often to stop the arm on purpose, to measure it; 0: never."""
     key_files: tuple[str, str] | None = None

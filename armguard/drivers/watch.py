@@ -23,7 +23,7 @@ from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.ur_lines import stop_by_script
 from armguard.exceptions import ArmguardError
 
-CONNECT_TIMEOUT = 12.0
+CONNECT_TIMEOUT = 20.0
 """Silence of one that connects, in [s]; it ends itself a little sooner."""
 
 RETRY = 0.5

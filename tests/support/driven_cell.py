@@ -75,6 +75,8 @@ class StandIn:
         self.level, self.scale = Level.CLEAR, 1.0
         self.is_silent = False
         self.changed = 0.0
+        self.make_command = None
+        """Makes the command of a tick from its time and number; None: there is no shield."""
         self._period = 1.0 / rate
         self._sequence = 0
         self._ending = threading.Event()
@@ -117,6 +119,8 @@ class StandIn:
                         valid_until=now + VALIDITY,
                     )
                 )
+                if self.make_command is not None:
+                    publisher.command(self.make_command(now, self._sequence))
             tick += self._period
             time.sleep(max(0.0, tick - time.monotonic()))
         publisher.close()
@@ -128,7 +132,7 @@ class DrivenCell:
 
     Args:
         folder: For its files.
-        more: Lines of `[robot.driver]`.
+        more: Lines of `[robot.driver]`, and tables behind it.
         timeout: As there, in [s]: a busy machine must not make anything silent for so long.
         options: Of the command.
         controller: Keywords of the controller.
