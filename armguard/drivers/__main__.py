@@ -18,7 +18,7 @@ import msgspec
 
 from armguard.drivers.arm import Arm, ArmLostError, WrongArmError
 from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import CONNECTING, MEASURED, Link
+from armguard.drivers.link import CONNECTING, MEASURED, WRONG, Link
 from armguard.drivers.loop import DriveLoop
 from armguard.drivers.measurement import Measurement, describe
 from armguard.drivers.moment import Conduct
@@ -54,25 +54,30 @@ def drive(options: DriveOptions, link: Link) -> None:
         Publisher(options.joints, keys=keys) as publisher,
         VerdictReader(options.verdicts, keys) as reader,
     ):
-        # The library may wait without end, and lets no other thread of Python run meanwhile.
+        # The library may wait without end, and lets no other thread of Python run meanwhile. Each
+        # read of the robot sets this timer anew.
         signal.alarm(CONNECT_TIMEOUT)
         arm: UrArm
         conduct: Conduct
         if options.follows:
             arm = moved = UrMotionArm(options)
-            conduct = MotionConduct(moved, options.names, latencies, link)
+            conduct = MotionConduct(moved, options, latencies, link)
         else:
             arm = run = UrProgramArm(options)
             conduct = ProgramConduct(run, options, latencies, link, measurement)
-        signal.alarm(0)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
+        is_lost = False
         try:
             DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement).run()
+        except ArmLostError:
+            is_lost = True
+            raise
         finally:
             link.count(latencies.counts)
-            with contextlib.suppress(ArmLostError):
-                arm.leave()
+            if not is_lost:
+                with contextlib.suppress(ArmLostError):
+                    arm.leave()
     if measurement is not None:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())
@@ -85,11 +90,12 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
         drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
-        stop_by_script(options.host, options.deceleration)
-        link.tell(f"{options.model} at {options.host}: {error}")
+        is_told = stop_by_script(options.host, options.deceleration)
+        unheard = "" if is_told else "; no script reaches it, so see that it stands"
+        link.tell(f"{options.model} at {options.host}: {error}{unheard}")
         code = LOST
     except WrongArmError as error:
-        link.tell(str(error))
+        link.send(WRONG, str(error))
         code = WRONG_ARM
     except KeyboardInterrupt:
         pass

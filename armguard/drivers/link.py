@@ -11,7 +11,16 @@ import os
 
 import msgspec
 
-CONNECTING, DRIVING, TELL, COUNTS, MEASURED = "connecting", "driving", "tell", "counts", "measured"
+CONNECTING, DRIVING, TELL, COUNTS, MEASURED, WRONG = (
+    "connecting",
+    "driving",
+    "tell",
+    "counts",
+    "measured",
+    "wrong",
+)
+"""Words of the lines: signs of life, a line for people, counts, what was measured, and why no other
+try is of use."""
 
 
 class Counts(msgspec.Struct):

@@ -7,13 +7,16 @@ the shield says that the motion is not proved any more, or where the robot is in
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.drivers.arm import MotionArm
+from armguard.drivers.arm import ArmLostError, MotionArm
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
+from armguard.drivers.options import DriveOptions
 from armguard.messages.command import CommandMessage
 from armguard.messages.incoming import MessageError
 
@@ -36,22 +39,24 @@ class MotionConduct:
 
     Args:
         arm: Follows positions.
-        names: Of its joints, in its own order.
+        options: Names of its joints, and how long it may take to brake.
         latencies: Counts what is done.
         link: Takes lines for people.
     """
 
     def __init__(
-        self, arm: MotionArm, names: tuple[str, ...], latencies: Latencies, link: Link
+        self, arm: MotionArm, options: DriveOptions, latencies: Latencies, link: Link
     ) -> None:
         self._arm = arm
-        self._names = names
+        self._names = options.names
+        self._stop_within = options.stop_within
+        self._braked_at = math.inf
         self._latencies = latencies
         self._link = link
         self._followed: CommandMessage | None = None
         self._order: NDArray[np.intp] = np.arange(0)
         """Where in the rows of the followed motion the robot's joints are."""
-        self._offset = np.zeros(len(names))
+        self._offset = np.zeros(len(self._names))
         """How far from the followed motion the arm is led, in [rad]."""
         self._approached_at = 0.0
         self._seen: CommandMessage | None = None
@@ -65,14 +70,20 @@ class MotionConduct:
         """Follow, take up, or brake."""
         command = moment.command
         if moment.hindrance:
-            self._drop(command)
+            self._drop(moment)
         if command is not None and command is not self._seen:
             self._seen = command
             try:
                 self._consider(command, moment)
             except MessageError as error:
                 self._complain(f"a command cannot be read: {error}")
-        if not moment.is_new or self._arm.is_braking:
+        if not moment.is_new:
+            return
+        is_resting = max(map(abs, moment.state.v)) <= REST_SPEED
+        is_overdue = moment.now - self._braked_at > self._stop_within
+        if self._followed is None and not is_resting and is_overdue:
+            raise ArmLostError("the arm does not brake")
+        if self._arm.is_braking:
             return
         if self._followed is None:
             self._arm.hold()
@@ -85,13 +96,18 @@ class MotionConduct:
             self._arm.follow(q.tolist())
         else:
             self._complain("the motion of a command is not finite: braking")
-            self._drop(command)
+            self._drop(moment)
 
-    def _drop(self, command: CommandMessage | None) -> None:
+    def _brake(self, moment: Moment) -> None:
+        """Follow nothing any more, and slow down."""
+        self._followed, self._braked_at = None, moment.now
+        self._arm.brake()
+
+    def _drop(self, moment: Moment) -> None:
         """Brake, and wait for another goal."""
+        command = moment.command
         if self._followed is not None:
-            self._followed = None
-            self._arm.brake()
+            self._brake(moment)
         self._is_barred = True
         if command is not None:
             self._barred = command.goal
@@ -106,7 +122,7 @@ class MotionConduct:
         counts.commands += 1
         if command.sequence < self._sequence:
             self._complain("the shield was started anew: send it a goal")
-            self._drop(command)
+            self._drop(moment)
         self._sequence = command.sequence
         if self._is_barred:
             # The first command after a beginning or a fault: its goal is older.
@@ -116,9 +132,8 @@ class MotionConduct:
             return
         if command.stop == "brake":
             if self._followed is not None:
-                self._followed = None
                 counts.stops += 1
-                self._arm.brake()
+                self._brake(moment)
             return
         is_old = command.goal is None or command.goal == self._barred
         if moment.hindrance or self._arm.is_braking or (is_old and self._followed is None):

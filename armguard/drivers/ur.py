@@ -11,6 +11,7 @@ need not be set.
 from __future__ import annotations
 
 import contextlib
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -45,6 +46,9 @@ VARIABLES = [
 
 LOOK_AHEAD, GAIN = 0.03, 1000.0
 """Of `servoJ`, in [s], the least that it takes, and without a unit: how closely it follows."""
+
+FULL_SCALE = 0.999
+"""From here on a speed slider is at its end."""
 
 STOP_DECELERATION = 10.0
 """Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
@@ -106,6 +110,7 @@ class UrArm:
         self._host = options.host
         self._deceleration = options.deceleration
         self._payload = options.payload
+        self._longest_wait = 2.0 + options.longest_silence
         self._stamps = StampFilter()
         self._timestamp = -1.0
         with contextlib.ExitStack() as opened:
@@ -137,7 +142,12 @@ class UrArm:
         return rtde_receive.RTDEReceiveInterface(options.host, options.rate, VARIABLES)
 
     def read(self) -> ArmState | None:
-        """The newest state; None where there is none that was not read before."""
+        """The newest state; None where there is none that was not read before.
+
+        From one call to the next the system ends this process, unless it is in time: the library
+        may wait without end, and what watches may have ended as well.
+        """
+        signal.setitimer(signal.ITIMER_REAL, self._longest_wait)
         receive = self._receive
         try:
             if not receive.isConnected():
@@ -223,9 +233,10 @@ class UrProgramArm(UrArm):
             raise ArmLostError("no script reaches the robot: stop it by hand")
 
     def leave(self) -> None:
-        """Pause the program."""
+        """Pause the program, and wait until the controller has read that."""
         self.scale(LEAST_SCALE)
-        self.pause()
+        self._dashboard.read_answers()
+        self._dashboard.ask("pause")
 
 
 class UrMotionArm(UrArm):
@@ -254,6 +265,14 @@ class UrMotionArm(UrArm):
         self._control = rtde_control.RTDEControlInterface(options.host, options.rate)
         self._do(self._control.setWatchdog, 1.0 / options.longest_silence)
         return receive
+
+    def read(self) -> ArmState | None:
+        """The newest state; at another speed than the full one `servoJ` follows nothing."""
+        state = super().read()
+        if state is None or state.trouble or state.scale >= FULL_SCALE:
+            return state
+        trouble = f"the speed slider is at {state.scale:.0%}: set it to 100%"
+        return state._replace(trouble=trouble)
 
     @property
     def is_braking(self) -> bool:

@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, Counts
+from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.ur_lines import stop_by_script
 from armguard.exceptions import ArmguardError
@@ -80,6 +80,7 @@ class _Driver:
         self.longest_silence = options.longest_silence
         self.heard = time.monotonic()
         self.counts = Counts()
+        self.problem = ""
         self._received = {self.link: b"", self.library: b""}
 
     def read(self, timeout: float) -> list[tuple[str, str]]:
@@ -165,9 +166,8 @@ def watch(
         if code == 0:
             break
         if code == WRONG_ARM:
-            raise ArmguardError(
-                "robot", "; ".join(sorted(told)) or "cannot be driven", remedy="see the cell file"
-            )
+            problem = driver.problem or "it does not start"
+            raise ArmguardError("driver", problem, remedy="see [robot.driver] in the cell file")
         report.lost += driver.is_driving
         if driver.is_driving:
             told.clear()  # what is wrong now is news
@@ -194,22 +194,26 @@ def _attend(
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.process.wait(END_TIMEOUT)
             if driver.process.returncode is None:
-                stop_by_script(options.host, options.deceleration)
+                _stop(options, "the driver's process does not end", tell)
             break
         if driver.is_hanging:
             driver.process.kill()
-            stop_by_script(options.host, options.deceleration)
-            tell("the driver's process hung: it was ended, and the arm was told to stop")
+            _stop(options, "the driver's process hung, and was ended", tell)
             return LOST
     else:
         if driver.process.returncode not in (0, WRONG_ARM, LOST):
-            # Nobody else can stop the arm now.
-            stop_by_script(options.host, options.deceleration)
-            if driver.is_driving:
-                tell("the driver's process has ended by itself: the arm was told to stop")
+            # Nothing else can stop the arm now.
+            how = "while it drove" if driver.is_driving else "while it connected"
+            _stop(options, f"the driver's process has ended by itself {how}", tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
     return 0 if driver.process.returncode is None else driver.process.returncode
+
+
+def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
+    """Stop the arm without the driver's process, and tell why."""
+    is_told = stop_by_script(options.host, options.deceleration)
+    tell(f"{cause}: {'the arm was told to stop' if is_told else 'nothing reaches the arm'}")
 
 
 def _take(
@@ -230,6 +234,8 @@ def _take(
     elif word == MEASURED:
         failed, measured = msgspec.json.decode(text, type=tuple[bool, str])
         report.problem, report.measured = (measured, "") if failed else ("", measured)
+    elif word == WRONG:
+        driver.problem = text
     elif word == TELL and (driver.is_driving or text not in told):
         told.add(text)
         tell(text)

@@ -7,12 +7,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from armguard.drivers.arm import ArmState, Program
+from armguard.drivers.arm import ArmLostError, ArmState, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH, MotionConduct
 from armguard.messages.command import CommandMessage, pack
+from support.driven_cell import OPTIONS
 from support.fake_arms import FakeMotionArm
 from support.shield_commands import DURATION, HOME, NAMES, SPEED, command, move
 
@@ -24,7 +25,8 @@ class Made:
         self._reading, writing = os.pipe()
         self.arm = FakeMotionArm(HOME)
         self.latencies = Latencies(0.0)
-        self.conduct = MotionConduct(self.arm, NAMES, self.latencies, Link(writing))
+        options = msgspec.structs.replace(OPTIONS, names=NAMES, stop_within=0.5)
+        self.conduct = MotionConduct(self.arm, options, self.latencies, Link(writing))
         self.now, self.newest = 100.0, None
 
     def act(self, newest=None, after=0.002, hindrance="", trouble=""):
@@ -171,6 +173,16 @@ def test_an_arm_that_rests_far_off_is_led_nowhere(made):
     for k in range(20):
         made.act(command(made.now + 0.002, 3 + k, moving=False))
     assert made.arm.followed == []
+
+
+def test_an_arm_that_does_not_brake_is_lost(made):
+    made.begin()
+    made.act(command(made.now + 0.002, 3, stop="brake"))
+    made.arm.v = [0.3] * 6
+    for _ in range(200):
+        made.act()
+    with pytest.raises(ArmLostError, match="does not brake"):
+        made.act(after=0.2)
 
 
 def test_after_braking_it_goes_on_only_from_where_it_rests(made):
