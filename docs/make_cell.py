@@ -49,6 +49,7 @@ TYPES = {
     "NotNegative": "number from 0 on",
     "Bound": "number from 0 on",
     "Positive | list[Positive]": "number above 0, or one a joint",
+    "Fraction": "above 0, up to 1",
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",

@@ -175,6 +175,43 @@ class Shield(Run):
 
 
 @command
+class Drive:
+    """Join a robot to a running monitor: joint states out, verdicts obeyed.
+
+    The robot is that of [robot.driver] in the cell file. Without a valid verdict it stands.
+
+    Example: armguard drive demos/ur5e.toml
+    """
+
+    cell: Positional[Path]
+    """The cell file, as `armguard run` has it."""
+    arm: str | None = None
+    """Which arm, in a cell with several."""
+    joints: str = JOINTS_ADDRESS
+    """Address of the monitor's joint states."""
+    verdicts: str = VERDICTS_ADDRESS
+    """Address of its verdicts."""
+    measure: Flag = False
+    """Stop the arm a few times while its program runs, and print how it stops."""
+    stops: int = 5
+    """How often, with --measure."""
+    key: Path | None = None
+    """Where the monitor asks for keys: the secret file of a client with joints and verdicts."""
+    server_key: Path | None = None
+    """The monitor's public file."""
+    duration: float = float("inf")
+    """How long to drive, in seconds."""
+    json: Flag = False
+    """Print one JSON object at the end; what is for people goes to standard error."""
+
+    def run(self) -> int:
+        """Drive until the end of the duration, or Ctrl-C."""
+        from armguard.app.drive import drive
+
+        return drive(self)
+
+
+@command
 class Replay:
     """Lead a monitor through a recording: the same verdicts to the bit, or the first that differs.
 
@@ -624,7 +661,7 @@ class Robots:
 
 
 GROUPS: dict[str, dict[str, type[Command]]] = {
-    "run": {"demo": Demo, "run": Run, "shield": Shield, "reset": Reset},
+    "run": {"demo": Demo, "run": Run, "shield": Shield, "drive": Drive, "reset": Reset},
     "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
     "prepare": {
         "robot": NewRobot,

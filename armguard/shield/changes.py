@@ -43,6 +43,9 @@ Values = Sequence[float] | FloatArray
 SLOWEST = 1e-9
 """What is slower counts as no motion, in the units of joints or of a path's pace."""
 
+FULL_PACE = 1.0 + 1e-6
+"""Faster than its clock, a path keeps no limits; what rounding makes of 1 is allowed."""
+
 FASTEST = 1e4
 """Changes of a pace where no joint moves, in [1]/[s²] and [1]/[s³]: none limits them there."""
 
@@ -89,7 +92,8 @@ class PaceChanges:
             pace: To be approached until then, 0 to 1.
 
         Returns:
-            None where the joints' limits leave no change of pace, or one that leads back first.
+            None where the joints' limits leave no change of pace, or one that leads back first, or
+            that gets faster than the path's clock.
         """
         at, now, _ = place
         fastest = max(now, pace)
@@ -102,11 +106,14 @@ class PaceChanges:
             left = tuple(values[0] for values in going.at_time(lasting))
             if _turns_back(place, jerk) or _turns_back(left, jerk):
                 return None
+            peak = max(_find_peak(place, jerk), _find_peak(left, jerk))
+            if peak > FULL_PACE:
+                return None
             stopping = self._reach(left, 0.0, braking, jerk)
             passed = stopping.at_time(stopping.duration)[0][0] - at
-            if passed <= way:
+            if passed <= way and peak <= fastest + SLOWEST:
                 return AlongPath(path, [Phase(begin, going), Phase(begin + lasting, stopping)])
-            way = 1.5 * passed
+            way, fastest = max(way, 1.5 * passed), max(fastest, min(1.1 * peak, FULL_PACE))
         return None
 
     def _find_limits(
@@ -147,6 +154,12 @@ def _turns_back(state: tuple[float, ...], jerk: float) -> bool:
     """Whether a pace that falls gets below 0, however soon the jerk ends its fall."""
     _, pace, change = state
     return pace - 0.5 * min(change, 0.0) ** 2 / jerk < -SLOWEST
+
+
+def _find_peak(state: tuple[float, ...], jerk: float) -> float:
+    """The fastest that a pace gets which still grows, however soon the jerk ends its growth."""
+    _, pace, change = state
+    return pace + 0.5 * max(change, 0.0) ** 2 / jerk
 
 
 class JointChanges:

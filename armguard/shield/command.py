@@ -44,7 +44,7 @@ class Command(NamedTuple):
     """How many points of a chunk it passes before its stop begins."""
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where the arm is to be at a time; before its beginning and after its end it rests there.
+        """Where the arm is to be at a time: as at its beginning before that, at rest after its end.
 
         Args:
             time: In [s] on the monitor's clock.
@@ -53,6 +53,9 @@ class Command(NamedTuple):
             Positions, velocities and accelerations, in [rad] or [m], and by [s] and [s²]. Shape
             (nv,) each.
         """
+        if time >= self.times[-1]:
+            # Exactly, whatever rounding does to the curve.
+            return self.q[-1].copy(), self.v[-1].copy(), self.a[-1].copy()
         begin = float(self.times[0])
         q, v = np.empty(self.q.shape[1]), np.empty(self.q.shape[1])
         evaluate_curve(self.times - begin, self.q, self.v, time - begin, q, v)

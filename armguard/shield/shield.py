@@ -32,7 +32,7 @@ from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, PlanChoice, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Effect, PlanChoice, Reason, ReasonKind, Verdict
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -122,8 +122,7 @@ class Shield:
         self._now = 0.0
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
-        error = robot.position_error + self._errors[0]
-        self._error = error
+        self._error = error = robot.position_error + self._errors[0]
         self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         self._continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
         empty = np.empty((0, joints))
@@ -276,7 +275,8 @@ class Shield:
         if chunk is not None:
             points = _read_numbers(chunk)
             if points is None or not (points.ndim == 2 and points.shape[1] == joints):
-                self._task = self._paths
+                self._task = self._velocity
+                self._velocity.velocity = np.zeros(joints)
                 return _refuse("chunk", f"is no finite array of the shape (points, {joints})")
             self._points.take(points)
             self._task = self._points
@@ -299,52 +299,60 @@ class Shield:
     ) -> _Piece | None:
         """What the arm is on; None where nothing is known of where it is.
 
-        An arm whose motion is not proved any more may brake by its own means. It is taken to be
-        where it was measured once it rests and the motion has ended. So is one that is at rest and
-        on no proved motion: somebody may have moved it. And so is one that rests elsewhere than its
-        motion: the commands that led there were lost. No motion begins beyond position limits.
+        An arm whose motion is not proved any more may brake by its own means, one that rests may be
+        moved by somebody, and commands may be lost. So once the motion has ended and the arm rests,
+        it is taken to be where it was measured, unless it may be at that end: a place to rest does
+        not follow each measured one, and the arm does not creep. Nor does it follow joint states
+        that the monitor does not believe, until a reset. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
-            is_proved = verdict.proved_until is not None
-            self._has_left |= not is_proved and now < piece.end
+            self._has_left |= verdict.proved_until is None and now < piece.end
             if now < piece.samples.times[-1]:
                 return piece
+        if any(reason.kind.effect is Effect.LATCHED for reason in verdict.reasons):
+            return piece
         place, speeds = _read_numbers(q), _read_numbers(v)
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
         if piece is not None:
-            rest = piece.samples.q[-1]
-            place = align_turns(place, rest, self._continuous)
-            is_there = (np.abs(place - rest) <= self._error).all()
-            if is_proved and is_there and not self._has_left:
-                return piece
+            place = align_turns(place, piece.samples.q[-1], self._continuous)
         is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
         if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
         self._has_left = False
+        if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._error).all():
+            return piece
         rest = Rest(place, now)
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
 
     def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
-        """What the arm is on until a time, and then another motion."""
-        last = piece.find_motion(now)
-        motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
-        motions.append((begin, motion))
+        """What the arm is on until a time, and then another motion.
+
+        What is cubic between samples differs a little from motions along paths. There are samples
+        where the next step cuts this piece, so that it goes on without a jump.
+        """
+        # A piece has to begin now, so that nothing that comes as good as now is a knot of its own.
+        soon = now + LEAST_GRAIN
+        going = [(at, one) for at, one in piece.motions if soon < at < begin]
+        motions = [(now, piece.find_motion(soon)), *going, (begin, motion)]
         parts = []
         for k, (at, one) in enumerate(motions):
             knots = one.find_knots(at)
             if k + 1 < len(motions):
                 knots = np.append(knots[knots < motions[k + 1][0]], motions[k + 1][0])
-            knots = np.concatenate([[at], knots])
+            else:
+                cuts = np.array([now, begin]) + self._period
+                knots = np.union1d(knots, cuts[(cuts > at) & (cuts < one.end)])
+            knots = np.concatenate([[at], knots[knots - at > LEAST_GRAIN]])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
                 for first, second in itertools.pairwise(knots)
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
-                fill.append(knots[-1:] if len(fill) else knots[-1:] + self._period)
+                fill.append(knots[-1:] if fill else at + np.array([0.0, self._period]))
             parts.append(one.sample(np.concatenate(fill)) if fill else None)
         samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
         samples.v[-1] = samples.a[-1] = 0.0

@@ -282,7 +282,7 @@ class FollowPoints:
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         if self._phases and not self._is_followed(motion, begin):
-            self._points, self._phases = None, []
+            self._points = None
         if self._points is None:
             return
         if not self._phases:
@@ -292,25 +292,33 @@ class FollowPoints:
         for lasting in (self._look_ahead, self._period):
             yield self._changes.stop_after(self._phases, min(begin + lasting, self._end))
         # What could not be proved is dropped, and the arm stops.
-        self._points, self._phases = None, []
+        self._points = None
 
     def count_passed(self, motion: Motion) -> int:
-        """Of how many points the time comes before a motion's stop begins."""
-        if not (self._phases and isinstance(motion, JointByJoint)):
+        """Of how many points the time comes before a motion's stop begins.
+
+        It still counts after the others were dropped.
+        """
+        begin = self._find_stop(motion)
+        if begin is None:
             return 0
-        followed = motion.phases[-1].begin - self._phases[0].begin
-        return int(followed / self._apart + LIMIT_SLACK)
+        passed = (begin - self._phases[0].begin) / self._apart
+        return min(int(passed + LIMIT_SLACK), len(self._phases))
 
     def find_scale(self, motion: Motion, time: float) -> float:
         """1 while points are followed, else 0."""
-        return 1.0 if self._phases else 0.0
+        return 1.0 if self._is_followed(motion, time) else 0.0
 
-    def _is_followed(self, motion: Motion, begin: float) -> bool:
+    def _is_followed(self, motion: Motion, time: float) -> bool:
         """Whether a motion is still on the way from point to point at a time."""
-        if not isinstance(motion, JointByJoint):
-            return False
-        phases = motion.phases
-        return phases[0] is self._phases[0] and begin <= phases[-1].begin
+        begin = self._find_stop(motion)
+        return begin is not None and time <= begin
+
+    def _find_stop(self, motion: Motion) -> float | None:
+        """When a motion along the points begins to stop, in [s]; None for any other motion."""
+        if not (self._phases and isinstance(motion, JointByJoint)):
+            return None
+        return motion.phases[-1].begin if motion.phases[0] is self._phases[0] else None
 
     def _lay_out(self, motion: Motion, begin: float) -> None:
         """Phases from point to point, each passed at the mean velocity around it."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from armguard.shield.changes import JointChanges, PaceChanges
+from armguard.shield.changes import FULL_PACE, JointChanges, PaceChanges
 from armguard.shield.motion import Rest, Samples
 from armguard.shield.path import MotionLimits, Path, TimedPath
 
@@ -61,6 +61,30 @@ def test_an_arm_at_rest_can_set_off_however_hard_it_brakes():
         motion = PaceChanges(limits).go_and_stop(path, (0.0, 0.0, 0.0), 3.0, 0.03, 1.0)
         assert motion is not None, braking
         assert motion.end > 3.03
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_pace_overshoots_the_clock_of_a_path(seed):
+    random = np.random.default_rng(seed)
+    path = TimedPath(Path(np.cumsum(random.uniform(-0.6, 0.6, (5, 3)), axis=0)), LIMITS)
+    changes = PaceChanges(LIMITS)
+    refused = made = 0
+    for _ in range(50):
+        # The pace grows, as it did where the path let it do so faster.
+        place = (
+            random.uniform(0.0, path.duration),
+            random.uniform(0.0, 1.0),
+            random.uniform(0.0, 3.0),
+        )
+        motion = changes.go_and_stop(path, place, 0.0, 0.05, random.uniform(0.0, 1.0))
+        if motion is None:
+            refused += 1
+            continue
+        made += 1
+        paces = [motion.find_place(time)[1] for time in np.arange(0.0, motion.end, 0.005)]
+        assert max(paces) <= FULL_PACE
+    assert refused > 0
+    assert made > 10
 
 
 @pytest.mark.parametrize("seed", range(20))

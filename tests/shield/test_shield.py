@@ -47,6 +47,18 @@ def test_an_arm_that_nothing_hinders_follows_its_path_to_the_end():
     check_limits(arm)
 
 
+def test_a_latency_of_one_period_refuses_nothing():
+    """The last motion begins just when the next piece does, but for rounding."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 1.0 / RATE})
+    arm.shield.set_path(make_path())
+    reasons = set()
+    for tick in range(200):
+        arm.now = tick / RATE
+        reasons.add(str(arm.step().reason))
+    assert arm.shield.progress > 0.1
+    assert reasons == {"None"}
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_is_asked_the_arm_touches_nothing_and_keeps_its_limits(seed):
     random = np.random.default_rng(seed)
@@ -149,6 +161,19 @@ def test_a_jog_keeps_the_velocity_and_stops_before_position_limits():
     assert (arm.q < robot.upper_position_limit).all()
     assert (arm.q > robot.lower_position_limit).all()
     assert arm.q[0] > robot.upper_position_limit[0] - 0.05
+    check_limits(arm)
+
+
+@pytest.mark.parametrize("steps", range(2, 30, 3))
+def test_an_arm_stops_when_it_is_asked_to_whenever_its_motion_changes(steps):
+    """Without a latency motions change at steps, up to what rounding does to their times."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 0.0})
+    for _ in range(steps):
+        arm.step(velocity=0.6 * NEAR)
+    for _ in range(40):
+        command = arm.step(velocity=np.zeros(7))
+    assert command.reason is None
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-9)
     check_limits(arm)
 
 
@@ -306,6 +331,35 @@ def test_an_arm_that_was_pushed_while_it_rested_goes_on_from_where_it_is():
     push(arm)
     path = Path(np.stack([arm.q, HOME]))
     arm.shield.set_path(path)
+    drive_on(arm)
+    assert arm.q == pytest.approx(HOME, abs=1e-6)
+
+
+def test_the_place_of_an_arm_that_rests_does_not_creep_after_it():
+    arm = ShieldedArm(0, balls=0)
+    for k in range(30):
+        # It sags while nothing is asked of it.
+        command = arm.shield.step(arm.now, HOME - 5e-5 * k, np.zeros(7))
+        arm.now += 1.0 / RATE
+        assert command.q[-1] == pytest.approx(HOME, abs=0.0)
+
+
+@pytest.mark.parametrize("wrong", [{"off": 1.0}, {"off": np.nan}, {"late": 0.5}])
+def test_the_place_of_an_arm_that_rests_follows_no_joint_state_that_is_not_believed(wrong):
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    drive_on(arm)
+    place = arm.q
+    place_said = place + wrong.get("off", 0.0)
+    for _ in range(3):
+        stamp = arm.now - wrong.get("late", 0.0)
+        command = arm.shield.step(arm.now, place_said, np.zeros(7), stamp)
+        assert command.verdict.level is Level.STOP
+        assert command.at(arm.now)[0] == pytest.approx(place, abs=1e-9)
+        arm.now += 1.0 / RATE
+    arm.shield.reset()
+    arm.shield.set_path(Path(np.stack([place, HOME])))
     drive_on(arm)
     assert arm.q == pytest.approx(HOME, abs=1e-6)
 

@@ -19,7 +19,7 @@ def test_the_best_motion_comes_first_and_all_begin_as_the_arm_goes_on():
     task = FollowPaths([Path([[0.0] * 3, [0.5, 0.2, -0.3]])], LIMITS, PERIOD, AHEAD)
     motion, begin = Rest(np.zeros(3), 0.0), 0.0
     for _ in range(60):
-        motion = first(task, motion, begin)
+        motion = first(task, motion, begin) or motion
         begin += PERIOD
     offered = list(task.offer(motion, begin))
     assert len(offered) == 3
@@ -52,7 +52,7 @@ def test_back_to_the_path_leads_to_where_it_was_left():
     task = FollowPaths([path], LIMITS, PERIOD, AHEAD)
     motion, begin = Rest(np.zeros(3), 0.0), 0.0
     for _ in range(80):
-        motion = first(task, motion, begin)
+        motion = first(task, motion, begin) or motion
         begin += PERIOD
     left = motion.sample(np.array([begin])).q[0]
     beside = Rest(left + np.array([0.0, 0.01, 0.0]), begin)
@@ -91,7 +91,19 @@ def test_points_that_nobody_accepts_are_dropped():
     task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
     motion = first(task, rest, 0.0)
     assert task.count_passed(motion) == 1
+    # It goes on to where its stop begins, also where no more is proved.
+    assert len(list(task.offer(motion, 0.01))) == 2
+    assert list(task.offer(motion, 0.02)) == []
+    assert task.count_passed(motion) == 1
+    assert task.find_scale(motion, AHEAD) == 1.0
+    assert task.find_scale(motion, AHEAD + 0.01) == 0.0
+    # A motion that some other task made passes none.
+    other = KeepVelocity(LIMITS, LOWER, UPPER, PERIOD, AHEAD)
+    other.velocity = np.ones(3)
+    assert task.count_passed(first(other, rest, 0.0)) == 0
     # On another motion the rest of the points counts no more.
+    task.take(0.01 * np.arange(1, 9)[:, None] * np.ones(3))
+    assert first(task, rest, 0.0) is not None
     assert list(task.offer(Rest(np.ones(3) * 0.5, 0.1), 0.1)) == []
 
 

@@ -77,6 +77,28 @@ class OperatingTable(_Table):
     hard as the hardware can."""
 
 
+class DriverTable(_Table, kw_only=True):
+    """`[robot.driver]`: the robot that `armguard drive` joins to the monitor."""
+
+    name: Literal["ur"]
+    """Whose robot: `"ur"`, one of Universal Robots ([its page](ur.md))."""
+    host: Name
+    """Address of its controller."""
+    model: Name
+    """Which one it must be, such as `"UR5e"`; another one is refused."""
+    rate: Positive = 500.0
+    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series."""
+    joints: list[Name] | None = None
+    """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
+    speed: Fraction = 1.0
+    """The speed slider where nothing is near, from above 0 to 1."""
+    stop_within: Positive = 1.0
+    """How long the arm may still move after it was told to pause, in [s]. Then it is stopped, which
+    ends its program."""
+    deceleration: Positive = 4.0
+    """Of that stop, in [rad/s²]."""
+
+
 class _AnyArmTable(_Table):
     """What `[robot]` and `[[robots]]` say alike."""
 
@@ -101,6 +123,8 @@ class _AnyArmTable(_Table):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
+    driver: DriverTable | None = None
+    """How `armguard drive` joins it."""
 
 
 class RobotTable(_AnyArmTable):

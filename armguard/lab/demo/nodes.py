@@ -169,9 +169,10 @@ class ShieldedRobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 command = reader.command
                 if command is not None and command is not followed and command.joins(q, v, now):
                     followed = command
-                taken = command if command is not None and command.goal == goal else None
-                is_done = taken is not None and taken.progress == 1.0 and not taken.moving
-                if is_done or (taken is None and now > asked + GOAL_PATIENCE):
+                is_taken = is_done = False
+                if command is not None and command.goal == goal:
+                    is_taken, is_done = True, command.progress == 1.0 and not command.moving
+                if is_done or (not is_taken and now > asked + GOAL_PATIENCE):
                     ways += is_done
                     target = waypoints[(ways + 1) % len(waypoints)]
                     until = now + GOAL_PATIENCE
