@@ -111,7 +111,8 @@ class ShieldStepper(Stepper):
         return Path(q, times)
 
     def _describe(self, command: Command) -> CommandMessage:
-        begin = float(command.times[0]) if len(command.times) else command.verdict.stamp
+        # Without samples the end is the present.
+        begin = float(command.times[0]) if len(command.times) else command.valid_until
         reason = command.reason
         return CommandMessage(
             sequence=command.verdict.sequence,
