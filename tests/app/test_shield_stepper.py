@@ -259,6 +259,19 @@ def test_whoever_is_silent_the_arm_rests_where_its_last_piece_ends(arm):
     assert arm.q == pytest.approx(THERE, abs=1e-3)
 
 
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.95), (1, 0.8), (2, 0.5)])
+def test_an_arm_that_hears_some_commands_alone_is_always_on_a_proved_motion(arm, seed, share):
+    random, before = np.random.default_rng(seed), arm.q
+    arm.tick(arm.path(1))
+    for tick in range(1500):
+        command = arm.tick(hears=tick > 900 or random.random() < share)
+        assert command.stop is None
+        assert arm.verdicts[-1].proved_until is not None or np.abs(arm.v).max() < 1e-9
+        assert np.abs(arm.q - before).max() < 0.4 * 2.61 * PERIOD
+        before = arm.q
+    assert arm.q == pytest.approx(THERE, abs=3e-3)
+
+
 def test_an_arm_that_rests_a_little_off_its_goal_takes_up_the_next_one(arm):
     """It missed the last commands, and is as near as the arm may be off them."""
     arm.tick(arm.path(1))
