@@ -240,6 +240,9 @@ def test_of_goals_that_come_together_the_newest_usable_one_is_taken(arm):
     arm.tick(arm.path(1), arm.goal(2, **jog), arm.goal(3, velocity=[0.0] * 6))
     command = arm.tick()
     assert (command.goal, command.refused) == (2, 3)
+    arm.tick(arm.goal(4, paths=[{"q": [READY]}]), arm.goal(5, velocity=[0.0] * 6))
+    command = arm.tick()
+    assert (command.goal, command.refused) == (2, 5)
 
 
 def test_whoever_is_silent_the_arm_rests_where_its_last_piece_ends(arm):
