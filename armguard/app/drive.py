@@ -85,6 +85,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         model=table.model,
         rate=table.rate,
         names=names,
+        timeout=table.timeout,
         speed=table.speed,
         stop_within=table.stop_within,
         deceleration=table.deceleration,
@@ -92,6 +93,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         joints=wishes.joints,
         verdicts=wishes.verdicts,
         arm=cell.arm,
+        follows=cell.tables.shield is not None,
         measure=wishes.stops if wishes.measure else 0,
         key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
     )

@@ -19,65 +19,60 @@ import msgspec
 from armguard.drivers.arm import Arm, ArmLostError, WrongArmError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import CONNECTING, MEASURED, Link
-from armguard.drivers.loop import SMALLEST_SCALE, DriveLoop, Limits
+from armguard.drivers.loop import DriveLoop
 from armguard.drivers.measurement import Measurement, describe
+from armguard.drivers.moment import Conduct
+from armguard.drivers.motion import MotionConduct
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.program import ProgramConduct
 from armguard.drivers.ur_lines import stop_by_script
 from armguard.streams.nodes import Publisher, VerdictReader
 
-CONNECT_TIMEOUT = 10
+_KEPT: list[Arm] = []
+"""Connections, which end with the process: the library would take half a second to disconnect, and
+for ever from a robot that hangs."""
+
+CONNECT_TIMEOUT = 15
 """How long connecting may take, in whole seconds; then the system ends this process."""
 
 
-def connect(options: DriveOptions) -> Arm:
-    """Connect the arm; its module, and the library that it needs, are loaded here.
-
-    Raises:
-        ArmLostError: It cannot be connected.
-        WrongArmError: Another arm answers.
-    """
-    from armguard.drivers.ur import UrArm
-
-    # The library may wait without end, and lets no other thread of Python run meanwhile.
-    signal.alarm(CONNECT_TIMEOUT)
-    arm = UrArm(options)
-    signal.alarm(0)
-    return arm
-
-
-def drive(arm: Arm, options: DriveOptions, link: Link) -> None:
-    """Drive until a measurement is done, or for ever; the program is left paused.
+def drive(options: DriveOptions, link: Link) -> None:
+    """Connect, and drive until a measurement is done, or for ever; the arm is left at rest.
 
     Raises:
         ArmLostError: The arm cannot be driven any more.
+        WrongArmError: Another arm answers.
         KeyboardInterrupt: This process was told to end, or what started it has ended.
     """
+    # The module of the robot, and the library that it needs, are loaded here.
+    from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
+
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
     measurement = Measurement(options.measure) if options.measure else None
-    limits = Limits(options.speed, options.stop_within, options.parent)
     with (
         Publisher(options.joints, keys=keys) as publisher,
         VerdictReader(options.verdicts, keys) as reader,
     ):
-        loop = DriveLoop(
-            arm,
-            options.names,
-            publisher,
-            reader,
-            latencies,
-            link,
-            limits,
-            arm_name=options.arm,
-            measurement=measurement,
-        )
+        # The library may wait without end, and lets no other thread of Python run meanwhile.
+        signal.alarm(CONNECT_TIMEOUT)
+        arm: UrArm
+        conduct: Conduct
+        if options.follows:
+            arm = moved = UrMotionArm(options)
+            conduct = MotionConduct(moved, options.names, latencies, link)
+        else:
+            arm = run = UrProgramArm(options)
+            conduct = ProgramConduct(run, options, latencies, link, measurement)
+        signal.alarm(0)
+        _KEPT.append(arm)
+        link.tell(f"{options.model} at {options.host}: connected")
         try:
-            loop.run()
+            DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement).run()
         finally:
             link.count(latencies.counts)
             with contextlib.suppress(ArmLostError):
-                arm.scale(SMALLEST_SCALE)
-                arm.pause()
+                arm.leave()
     if measurement is not None:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())
@@ -85,12 +80,9 @@ def drive(arm: Arm, options: DriveOptions, link: Link) -> None:
 
 def run(options: DriveOptions, link: Link) -> NoReturn:
     """Connect, drive, and end the process at once, with an exit code that says how it went."""
-    arm: Arm | None = None
     code = 0
     try:
-        arm = connect(options)
-        link.tell(f"{options.model} at {options.host}: connected")
-        drive(arm, options, link)
+        drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
         stop_by_script(options.host, options.deceleration)
@@ -106,7 +98,6 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
         traceback.print_exc()
         sys.stderr.flush()
         code = LOST
-    # The library would take half a second to disconnect, and for ever from a robot that hangs.
     os._exit(code)
 
 

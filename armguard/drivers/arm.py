@@ -5,6 +5,10 @@ from __future__ import annotations
 import enum
 from typing import NamedTuple, Protocol
 
+LEAST_SCALE = 0.01
+"""Fraction of its speed at which a program runs for a stop, until it is paused: a speed slider at 0
+makes real controllers stop protectively."""
+
 
 class ArmLostError(Exception):
     """The robot cannot be reached, refuses, or does not do what it was told; says which."""
@@ -47,6 +51,14 @@ class Arm(Protocol):
         """The newest state; None where there is none that was not read before."""
         ...
 
+    def leave(self) -> None:
+        """Bring it to rest, since this process is about to end."""
+        ...
+
+
+class ProgramArm(Arm, Protocol):
+    """A robot whose own program moves it."""
+
     def scale(self, fraction: float) -> None:
         """Run the program at this fraction of its speed: above 0, up to 1."""
         ...
@@ -63,6 +75,23 @@ class Arm(Protocol):
         """Slow down to rest and end the program, by a way of its own."""
         ...
 
-    def close(self) -> None:
-        """End the connection."""
+
+class MotionArm(Arm, Protocol):
+    """A robot that follows joint positions."""
+
+    @property
+    def is_braking(self) -> bool:
+        """Whether it slows down after `brake`, and can be told nothing else."""
+        ...
+
+    def follow(self, q: list[float]) -> None:
+        """Be at these positions now, in [rad]; called with each state."""
+        ...
+
+    def hold(self) -> None:
+        """Go on resting; called with each state where there is nothing to follow."""
+        ...
+
+    def brake(self) -> None:
+        """Slow down to rest by the robot's own means."""
         ...

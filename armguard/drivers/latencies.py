@@ -26,7 +26,7 @@ class Latencies:
         self._next = begun + INTERVAL
         self._ages: list[float] = []
         self._obeyed: deque[float] = deque(maxlen=_KEPT)
-        self._verdicts_before = self._silences_before = 0
+        self._verdicts_before = self._silences_before = self._commands_before = 0
         self._published = math.nan
 
     def add_state(self, stamp: float, now: float) -> None:
@@ -69,9 +69,13 @@ class Latencies:
             words.append(f"{counts.stops} stops, ordered within p99 {p99:.1f}, max {most:.1f} ms")
         if counts.silences > self._silences_before:
             words.append(f"{counts.silences - self._silences_before} without a valid verdict")
+        if counts.commands > self._commands_before:
+            came = counts.commands - self._commands_before
+            words.append(f"{came} commands, {counts.missed} in all not taken up")
         words.append("no verdict yet" if verdict is None else verdict.level.name)
         if state is not None:
             words.append(f"slider {state.scale:.0%}, program {state.program.value}")
         self._ages = []
         self._verdicts_before, self._silences_before = counts.verdicts, counts.silences
+        self._commands_before = counts.commands
         return "; ".join(words)

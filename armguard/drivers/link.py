@@ -27,6 +27,10 @@ class Counts(msgspec.Struct):
     """Of these, without a valid verdict."""
     hard_stops: int = 0
     """Times at which pausing did not bring it to rest, and it was stopped."""
+    commands: int = 0
+    """Commands of a shield."""
+    missed: int = 0
+    """Of these, motions that came too late, or did not join the one before."""
     longest_gap: float = 0.0
     """Between two joint states, in [s]."""
     obeyed_p99: float = 0.0

@@ -25,6 +25,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Joint states a second, in [Hz]."""
     names: tuple[str, ...]
     """Of the joints, in the robot's own order."""
+    timeout: float
+    """Silence of the robot after which its program is paused, in [s]."""
     speed: float
     """Fraction of its speed that a program gets where nothing is near, above 0 and up to 1."""
     stop_within: float
@@ -39,6 +41,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Address of verdicts."""
     arm: str = ""
     """Which of several arms it is; empty where there is one."""
+    follows: bool = False
+    """Whether the commands of a shield move the arm; otherwise its own program does."""
     measure: int = 0
     """How often to stop the arm on purpose, to measure it; 0: never."""
     key_files: tuple[str, str] | None = None
@@ -48,6 +52,11 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """The process that started this one; this one ends with it."""
     link: int = -1
     """Descriptor of the pipe to that process."""
+
+    @property
+    def longest_silence(self) -> float:
+        """Silence of the robot, or of this process, after which the arm is stopped, in [s]."""
+        return 3.0 * self.timeout
 
     def load_keys(self) -> Keys | None:
         """The keys of the client; None where there are none."""

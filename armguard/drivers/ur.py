@@ -1,18 +1,22 @@
 """Arms of Universal Robots, by RTDE: `ur_rtde`, the client library of SDU Robotics.
 
-The robot's own program moves the arm. The speed slider scales it, and the dashboard pauses it and
-lets it go on. Each write of the slider feeds `input_int_register_47`, on which the program can set
-a watchdog of the controller's own. What the library gets wrong is met here: its constructors hang
-or end the process, and a slider that it says it has set need not be set.
+Either the robot's own program moves the arm, or the commands of a shield do. A program is scaled by
+the speed slider; the dashboard pauses it and lets it go on. Each write of the slider feeds
+`input_int_register_47`, on which the program can set a watchdog of the controller's own. Commands
+are followed by `servoJ` in the library's own program, with such a watchdog. What the library gets
+wrong is met here: its constructors hang or end the process, and a slider that it says it has set
+need not be set.
 """
 
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
-from armguard.drivers.arm import ArmLostError, ArmState, Program, WrongArmError
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
@@ -38,6 +42,12 @@ VARIABLES = [
     "payload",
 ]
 """What the controller is asked to send."""
+
+LOOK_AHEAD, GAIN = 0.03, 1000.0
+"""Of `servoJ`, in [s], the least that it takes, and without a unit: how closely it follows."""
+
+STOP_DECELERATION = 10.0
+"""Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
 
 PAYLOAD_SLACK = 0.001
 """By how much the controller's payload may exceed the cell's, in [kg]."""
@@ -103,7 +113,10 @@ class UrArm:
             opened.callback(self._dashboard.close)
             self._check_dashboard(options)
             check_rtde(options.host)
-            self._receive, self._io = self._connect(options)
+            try:
+                self._receive = self._connect(options)
+            except (RuntimeError, ValueError, OSError) as error:
+                raise _explain(error) from None
             opened.pop_all()
 
     def _check_dashboard(self, options: DriveOptions) -> None:
@@ -116,22 +129,12 @@ class UrArm:
         if answer.lower() == "false":
             raise ArmLostError("the robot is not in remote control: switch it on at the pendant")
 
-    def _connect(self, options: DriveOptions) -> tuple[Any, Any]:
+    def _connect(self, options: DriveOptions) -> Any:
+        """Connect the client library; what receives the robot's states."""
         # Loaded by the driver's process alone.
-        import rtde_io
         import rtde_receive
 
-        try:
-            receive = rtde_receive.RTDEReceiveInterface(options.host, options.rate, VARIABLES)
-            # The upper range of registers leaves the lower one to programs that use the library.
-            return receive, rtde_io.RTDEIOInterface(options.host, False, True)
-        except (RuntimeError, OSError) as error:
-            if "already in use" in str(error):
-                raise ArmLostError(
-                    "another client of the robot has the speed slider: end it (a fieldbus, or "
-                    "another driver)"
-                ) from None
-            raise ArmLostError(f"ur_rtde: {error}") from None
+        return rtde_receive.RTDEReceiveInterface(options.host, options.rate, VARIABLES)
 
     def read(self) -> ArmState | None:
         """The newest state; None where there is none that was not read before."""
@@ -152,7 +155,7 @@ class UrArm:
             if receive.getTimestamp() != stamp:
                 return None
         except RuntimeError as error:
-            raise ArmLostError(f"ur_rtde: {error}") from None
+            raise _explain(error) from None
         if stamp < self._timestamp or not self._stamps.fits(stamp, now):
             raise ArmLostError("the robot's clock jumped: it was started anew, or sends nonsense")
         self._timestamp = stamp
@@ -171,12 +174,32 @@ class UrArm:
             )
         return ""
 
+
+class UrProgramArm(UrArm):
+    """One that its own program moves; see `ProgramArm`.
+
+    Args:
+        options: Which one.
+
+    Raises:
+        ArmLostError: It cannot be connected; says why, and what to do.
+        WrongArmError: It is not the one of the cell file.
+    """
+
+    def _connect(self, options: DriveOptions) -> Any:
+        import rtde_io
+
+        receive = super()._connect(options)
+        # The upper range of registers leaves the lower one to programs that use the library.
+        self._io = rtde_io.RTDEIOInterface(options.host, False, True)
+        return receive
+
     def scale(self, fraction: float) -> None:
         """Set the speed slider, above 0 and up to 1."""
         try:
             is_taken = self._io.setSpeedSlider(fraction)
         except RuntimeError as error:
-            raise ArmLostError(f"ur_rtde: {error}") from None
+            raise _explain(error) from None
         if not is_taken:
             raise ArmLostError("the robot takes no speed slider any more")
 
@@ -199,9 +222,77 @@ class UrArm:
         if not stop_by_script(self._host, self._deceleration):
             raise ArmLostError("no script reaches the robot: stop it by hand")
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._dashboard.close()
-        for one in (self._io, self._receive):
-            with contextlib.suppress(RuntimeError):
-                one.disconnect()
+    def leave(self) -> None:
+        """Pause the program."""
+        self.scale(LEAST_SCALE)
+        self.pause()
+
+
+class UrMotionArm(UrArm):
+    """One that follows positions by `servoJ`, in the library's own program; see `MotionArm`.
+
+    The controller ends that program where nothing has come from here for the longest silence.
+
+    Args:
+        options: Which one.
+
+    Raises:
+        ArmLostError: It cannot be connected; says why, and what to do.
+        WrongArmError: It is not the one of the cell file.
+    """
+
+    def _connect(self, options: DriveOptions) -> Any:
+        import rtde_control
+
+        receive = super()._connect(options)
+        modes = receive.getRobotMode(), receive.getSafetyMode()
+        trouble = self._find_trouble(*modes, receive.getPayload())
+        if trouble:
+            raise ArmLostError(trouble)  # no program would start
+        self._period = 1.0 / options.rate
+        self._braking: threading.Thread | None = None
+        self._control = rtde_control.RTDEControlInterface(options.host, options.rate)
+        self._do(self._control.setWatchdog, 1.0 / options.longest_silence)
+        return receive
+
+    @property
+    def is_braking(self) -> bool:
+        """Whether it slows down: the library waits for it, in a thread."""
+        return self._braking is not None and self._braking.is_alive()
+
+    def follow(self, q: list[float]) -> None:
+        """Be at these positions now, in [rad]."""
+        self._do(self._control.servoJ, q, 0.0, 0.0, self._period, LOOK_AHEAD, GAIN)
+
+    def hold(self) -> None:
+        """Feed the controller's watchdog."""
+        self._do(self._control.kickWatchdog)
+
+    def brake(self) -> None:
+        """Slow down to rest by `servoStop`."""
+        self._braking = threading.Thread(
+            target=self._control.servoStop, args=[STOP_DECELERATION], daemon=True
+        )
+        self._braking.start()
+
+    def leave(self) -> None:
+        """Stop the joints by `stopj`, which ends the program."""
+        stop_by_script(self._host, self._deceleration)
+
+    def _do(self, order: Callable[..., bool], *arguments: object) -> None:
+        try:
+            is_done = order(*arguments)
+        except (RuntimeError, ValueError) as error:
+            raise _explain(error) from None
+        if not is_done:
+            raise ArmLostError("the robot has ended the program by which it follows commands")
+
+
+def _explain(error: Exception) -> ArmLostError:
+    """What the client library has said, as an error of ours."""
+    if "already in use" in str(error):
+        return ArmLostError(
+            "another client of the robot has the speed slider: end it (a fieldbus, or another "
+            "driver)"
+        )
+    return ArmLostError(f"ur_rtde: {error}")

@@ -23,10 +23,7 @@ from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.ur_lines import stop_by_script
 from armguard.exceptions import ArmguardError
 
-HANGING = 0.25
-"""Silence of a driver that drives, in [s], after which it counts as hanging."""
-
-CONNECT_TIMEOUT = 12.0
+CONNECT_TIMEOUT = 20.0
 """Silence of one that connects, in [s]; it ends itself a little sooner."""
 
 RETRY = 0.5
@@ -80,6 +77,7 @@ class _Driver:
         self.library = self.process.stdout.fileno()
         self.link = reading
         self.is_driving = False
+        self.longest_silence = options.longest_silence
         self.heard = time.monotonic()
         self.counts = Counts()
         self._received = {self.link: b"", self.library: b""}
@@ -107,7 +105,8 @@ class _Driver:
     @property
     def is_hanging(self) -> bool:
         """Whether it has given no sign of life for too long."""
-        return time.monotonic() - self.heard > (HANGING if self.is_driving else CONNECT_TIMEOUT)
+        longest = self.longest_silence if self.is_driving else CONNECT_TIMEOUT
+        return not time.monotonic() - self.heard <= longest
 
     def close(self) -> None:
         """End it, and its descriptors."""

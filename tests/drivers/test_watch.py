@@ -15,12 +15,14 @@ from armguard.drivers.watch import Report, check_library
 from armguard.exceptions import ArmguardError
 from armguard.lab.simulation.ur_controller import (
     PAUSED,
+    PLAYING,
     POWER_OFF,
     RUNNING,
     STOPPED,
 )
 from armguard.verdict import Level
 from support.driven_cell import DrivenCell
+from support.shield_commands import DURATION, SPEED, command, move
 from support.waiting import wait_until
 
 pytest.importorskip("rtde_receive", reason="ur-rtde is not installed")
@@ -185,6 +187,72 @@ def test_a_robot_that_cannot_be_driven_says_why_and_is_not_started_again(tmp_pat
         cell.wait_for("is not in remote control")
 
 
+class Shield:
+    """Makes the commands of a shield whose arm goes to and fro on its first joint."""
+
+    def __init__(self, home):
+        self.home, self.goal, self.begun, self.stop = np.array(home), 1, None, None
+
+    def __call__(self, now, sequence):
+        begun = now - 2.0 * DURATION if self.begun is None else self.begun
+        home = self.home if self.begun is not None else self.home - [move(9.0)[0], 0, 0, 0, 0, 0]
+        return command(
+            now, sequence, self.goal, begun, JOINTS, home, stop=self.stop, take_up_by=now + 0.1
+        )
+
+    def send_goal(self, q):
+        """Begin at a place where the arm rests."""
+        self.home, self.stop = np.array(q), None
+        self.goal += 1
+        self.begun = time.monotonic()
+
+
+def test_the_commands_of_a_shield_are_followed_and_nothing_else_moves_the_arm(tmp_path):
+    shielded = "[monitor]\nmotion = 'planned'\n[shield]\njerk = 500.0"
+    with DrivenCell(tmp_path, more=shielded) as cell:
+        controller = cell.controller
+        cell.wait_for(" states; age ")
+        wait_until(lambda: controller.is_controlled and np.abs(controller.v).max() < 1e-4)
+        home = controller.q.copy()
+        shield = cell.monitor.make_command = Shield(home)
+        time.sleep(0.5)
+        assert (controller.q == home).all(), "that goal was there before the driver"
+
+        shield.send_goal(home)
+        worst = 0.0
+        while (t := time.monotonic() - shield.begun) < DURATION:
+            worst = max(worst, abs(controller.q[0] - home[0] - move(t)[0]))
+            time.sleep(0.002)
+        wait_until(lambda: abs(controller.q[0] - home[0] - SPEED * DURATION) < 1e-4)
+        assert worst < 0.1, "a servoed arm is behind by its lag, and by what the machine was busy"
+        assert np.abs(controller.q[1:] - home[1:]).max() < 1e-6
+
+        wait_until(lambda: np.abs(controller.v).max() < 1e-4)
+        shield.send_goal(controller.q)
+        wait_until(lambda: controller.v[0] > 0.2)
+        shield.stop = "brake"
+        wait_until(lambda: "servo stop" in [one.order for one in controller.received])
+        wait_until(lambda: np.abs(controller.v).max() < 1e-4)
+
+        time.sleep(0.1)
+        shield.send_goal(controller.q)
+        wait_until(lambda: controller.v[0] > 0.2)
+        cell.process.send_signal(signal.SIGSTOP)
+        cell.kill_driver()
+        wait_until(lambda: "watchdog" in [one.order for one in controller.received])
+        wait_until(lambda: np.abs(controller.v).max() < 1e-4)
+        assert controller.program == STOPPED
+        seen = cell.find_driver()
+        cell.process.send_signal(signal.SIGCONT)
+
+        wait_until(lambda: cell.find_driver() not in (None, seen) and controller.clients == 2)
+        wait_until(lambda: controller.program == PLAYING)
+        there = controller.q.copy()
+        shield.home, shield.begun = there, time.monotonic()
+        time.sleep(0.5)
+        assert np.abs(controller.q - there).max() == 0.0, "no goal has come since"
+
+
 def test_another_robot_than_that_of_the_cell_is_refused(tmp_path):
     with DrivenCell(tmp_path, model="UR10") as cell:
         assert cell.process.wait(60.0) == 2
@@ -204,7 +272,7 @@ def test_a_report_is_plain_data():
 
 @pytest.mark.skipif("ARMGUARD_DRIVE_MINUTE" not in os.environ, reason="takes more than a minute")
 def test_a_minute_at_full_rate_with_a_stop_every_other_second(tmp_path):
-    with DrivenCell(tmp_path, "--json") as cell:
+    with DrivenCell(tmp_path, "--json", timeout=0.2) as cell:
         cell.wait_until_moving()
         begun, reached, rested = time.monotonic(), [], []
         while time.monotonic() - begun < 60.0:

@@ -33,6 +33,7 @@ name = "ur5e"
 name = "ur"
 host = "{host}"
 model = "UR5e"
+timeout = {timeout}
 {more}
 """
 
@@ -41,6 +42,7 @@ OPTIONS = DriveOptions(
     host="127.0.0.1",
     model="UR5e",
     rate=500.0,
+    timeout=0.1,
     names=("a", "b"),
     speed=1.0,
     stop_within=1.0,
@@ -73,6 +75,8 @@ class StandIn:
         self.level, self.scale = Level.CLEAR, 1.0
         self.is_silent = False
         self.changed = 0.0
+        self.make_command = None
+        """Makes the command of a tick from its time and number; None: there is no shield."""
         self._period = 1.0 / rate
         self._sequence = 0
         self._ending = threading.Event()
@@ -115,6 +119,8 @@ class StandIn:
                         valid_until=now + VALIDITY,
                     )
                 )
+                if self.make_command is not None:
+                    publisher.command(self.make_command(now, self._sequence))
             tick += self._period
             time.sleep(max(0.0, tick - time.monotonic()))
         publisher.close()
@@ -126,17 +132,18 @@ class DrivenCell:
 
     Args:
         folder: For its files.
-        more: Lines of `[robot.driver]`.
+        more: Lines of `[robot.driver]`, and tables behind it.
+        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
         options: Of the command.
         controller: Keywords of the controller.
     """
 
-    def __init__(self, folder, *options, more="", **controller):
+    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
         self.host = find_host()
         self.controller = UrController(self.host, **controller)
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(CELL.format(host=self.host, more=more))
+        self.cell.write_text(CELL.format(host=self.host, more=more, timeout=timeout))
         self.lines = []
         self.output = ""
         self._options = options
@@ -221,7 +228,8 @@ class DrivenCell:
     def wait_until_moving(self):
         """Return when the driver drives, and the program runs at full speed."""
         self.wait_for(" states; age ")
-        wait_until(lambda: self.controller.pace > 0.99)
+        wait_until(lambda: self.controller.pace > 0.99 or self.process.poll() is not None)
+        assert self.process.poll() is None, self.lines
 
     def wait_until_resting(self):
         """Return when the arm rests."""

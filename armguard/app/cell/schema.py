@@ -90,6 +90,9 @@ class DriverTable(_Table, kw_only=True):
     """Joint states a second, in [Hz]: at most 500, and 125 for the CB series."""
     joints: list[Name] | None = None
     """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
+    timeout: Positive = 0.1
+    """Silence of the robot after which its program is paused, in [s]. After three times as much, of
+    the robot or of the driver's process, the arm is stopped, which ends its program."""
     speed: Fraction = 1.0
     """The speed slider where nothing is near, from above 0 to 1."""
     stop_within: Positive = 1.0

@@ -3,7 +3,8 @@
 It has the ports of a real controller: RTDE (30004), three that take scripts (30001 to 30003), and
 the dashboard (29999). It speaks as much of them as the clients of `ur_rtde` and armguard's driver
 need. A program swings the joints to and fro; the speed slider scales it, and `pause`, `stopj` and
-the watchdog of an RTDE input end or pause it. Faults can be made: see the methods.
+the watchdog of an RTDE input end or pause it. Of the program by which `ur_rtde` moves an arm it
+obeys `servoJ`, `servoStop` and the watchdog. Faults can be made: see the methods.
 
 How fast a real controller slows down is not known here, so it is a parameter.
 """
@@ -42,6 +43,12 @@ POWER_OFF, RUNNING = 3, 7
 """Robot modes."""
 
 _Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
+
+_SERVO, _SERVO_STOP, _SET_WATCHDOG, _STOP_SCRIPT = 11, 16, 35, 255
+"""Commands of the program of `ur_rtde`."""
+
+_SERVO_LAG, _SERVO_ACCELERATION = 0.03, 40.0
+"""How far a servoed joint is behind, in [s], and how fast it speeds up, in [rad/s²]."""
 
 _HEADER = struct.Struct(">HB")
 
@@ -143,6 +150,13 @@ class UrController:
         self.program = PLAYING
         self.safety = NORMAL
         self.mode = RUNNING
+        self.is_controlled = False
+        """Whether the program of `ur_rtde` runs."""
+        self._inputs: dict[str, float] = {}
+        self._servo: NDArray[np.float64] | None = None
+        self._control_state = 0
+        self._is_executing = False
+        self._braking = self._deceleration
         self._target = 1.0
         self.pace = 0.0
         """Fraction of its speed at which the program moves the arm."""
@@ -252,6 +266,7 @@ class UrController:
         if self.safety != NORMAL or self.mode != RUNNING:
             return False
         self._pending.clear()
+        self.is_controlled = False
         self.program, self._target = PLAYING, 1.0
         self.started += 1
         return True
@@ -271,8 +286,15 @@ class UrController:
                 self._pending.remove(entry)
                 entry[1]()
             if self.program == PLAYING and self._fed + self._watchdog < now and self._fed > 0.0:
-                self._pause(now)
-            self._move(period)
+                self._note("watchdog")
+                if self.is_controlled:
+                    self._stop()
+                else:
+                    self._pause(now)
+            if self.is_controlled:
+                self._control(period)
+            else:
+                self._move(period)
             for writer, names in list(self._streams.items()):
                 if self._random.random() >= self.loses:
                     self._write(writer, 85, self._pack(names))
@@ -291,6 +313,42 @@ class UrController:
         self.q[:3] += 0.5 * np.sin(self._phase * self._speed / 0.5) * np.array([1.0, 0.5, 0.25])
         self.v = (self.q - before) / period
 
+    def _control(self, period: float) -> None:
+        """One period of the program of `ur_rtde`: take its command, and move."""
+        if self.program == PLAYING:
+            self._take_command()
+        if self.program != PLAYING or self.safety != NORMAL:
+            self._servo = None
+        if self._servo is None:
+            step = period * self._braking
+            wanted = self.v - np.clip(self.v, -step, step)
+        else:
+            step = period * _SERVO_ACCELERATION
+            wanted = (self._servo - self.q) / _SERVO_LAG
+            wanted = self.v + np.clip(wanted - self.v, -step, step)
+        self.v = wanted
+        self.q = self.q + period * wanted
+        if self._is_executing and not self.v.any():
+            self._control_state = 2  # done
+
+    def _take_command(self) -> None:
+        command = int(self._inputs.get("input_int_register_0", 0))
+        values = [self._inputs.get(f"input_double_register_{k}", 0.0) for k in range(JOINTS)]
+        if command in (0, _SERVO):
+            self._is_executing, self._control_state = False, 1  # ready
+            if command == _SERVO:
+                self._servo = np.array(values)
+        elif not self._is_executing:
+            self._is_executing = True
+            if command == _SERVO_STOP:
+                self._note("servo stop", values[0])
+                self._servo = None
+            elif command == _SET_WATCHDOG:
+                self._watchdog = 1.0 / values[0]
+                self._fed = time.monotonic()
+            elif command == _STOP_SCRIPT:
+                self._stop()
+
     def _later(self, order: Callable[[], None]) -> None:
         self._pending.append((time.monotonic() + self._reaction, order))
 
@@ -302,6 +360,16 @@ class UrController:
 
     def _stop(self) -> None:
         self.program, self._target = STOPPED, 0.0
+        if self.is_controlled:
+            self._braking, self._watchdog, self._inputs = self._deceleration, math.inf, {}
+
+    def _start_control(self) -> None:
+        """The program of `ur_rtde` takes the place of the one before."""
+        if self.safety == NORMAL and self.mode == RUNNING:
+            self._note("control")
+            self._stop()
+            self.is_controlled, self.program = True, PLAYING
+            self._servo, self._inputs, self._watchdog = None, {}, math.inf
 
     # RTDE.
 
@@ -364,6 +432,7 @@ class UrController:
             "speed_scaling": [self.pace],
             "target_speed_fraction": [self.slider],
             "payload": [self.payload],
+            "output_int_register_0": [self._control_state],
         }
         packed = [
             struct.pack(f">{_SIZES[self._find_type(name)]}", *values.get(name, [0]))
@@ -375,6 +444,9 @@ class UrController:
         """Take a package of inputs."""
         form = ">" + "".join(_SIZES[self._find_input_type(name)] for name in names)
         values = dict(zip(names, struct.unpack(form, data), strict=True))
+        self._inputs |= {name: value for name, value in values.items() if "_register_" in name}
+        if "input_int_register_0" in values:
+            self._fed = time.monotonic()
         if values.get("speed_slider_mask") == 1:
             self._fed = time.monotonic()
             slider = values["speed_slider_fraction"]
@@ -395,6 +467,8 @@ class UrController:
             if stop and not self.is_frozen and self.is_remote:
                 self._note("stopj", float(stop[1]))
                 self._later(self._stop)
+            if line.startswith("def rtde_control") and not self.is_frozen and self.is_remote:
+                self._later(self._start_control)
 
     async def _serve_dashboard(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

@@ -1,0 +1,127 @@
+"""Follows the commands of a shield: motions that are proved to their rest.
+
+A motion is taken up in time, and only where it joins the one before, or where the arm rests. After
+that the arm goes on along it to its end, whatever is silent. It brakes by its own means only where
+the shield says that the motion is not proved any more, or where the robot is in trouble.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.drivers.arm import MotionArm
+from armguard.drivers.latencies import Latencies
+from armguard.drivers.link import Link
+from armguard.drivers.moment import Moment
+from armguard.messages.command import CommandMessage
+from armguard.messages.incoming import MessageError
+
+REST_SPEED = 0.01
+"""What joints at rest do not exceed, in [rad/s]."""
+
+
+class MotionConduct:
+    """Lets an arm follow the commands of one shield; see `Conduct`.
+
+    Args:
+        arm: Follows positions.
+        names: Of its joints, in its own order.
+        latencies: Counts what is done.
+        link: Takes lines for people.
+    """
+
+    def __init__(
+        self, arm: MotionArm, names: tuple[str, ...], latencies: Latencies, link: Link
+    ) -> None:
+        self._arm = arm
+        self._names = names
+        self._latencies = latencies
+        self._link = link
+        self._followed: CommandMessage | None = None
+        self._order: NDArray[np.intp] = np.arange(0)
+        """Where in the rows of the followed motion the robot's joints are."""
+        self._seen: CommandMessage | None = None
+        self._sequence = 0
+        self._barred: int | None = None
+        """Goal that was there before the arm could be driven: a person sends another one."""
+        self._is_barred = True
+        self._problem = ""
+
+    def act(self, moment: Moment) -> None:
+        """Follow, take up, or brake."""
+        command = moment.command
+        if moment.hindrance:
+            self._drop(command)
+        if command is not None and command is not self._seen:
+            self._seen = command
+            try:
+                self._consider(command, moment)
+            except MessageError as error:
+                self._complain(f"a command cannot be read: {error}")
+        if not moment.is_new or self._arm.is_braking:
+            return
+        if self._followed is None:
+            self._arm.hold()
+            return
+        q = self._followed.at(moment.now)[0][self._order]
+        if np.isfinite(q).all():
+            self._arm.follow(q.tolist())
+        else:
+            self._complain("the motion of a command is not finite: braking")
+            self._drop(command)
+
+    def _drop(self, command: CommandMessage | None) -> None:
+        """Brake, and wait for another goal."""
+        if self._followed is not None:
+            self._followed = None
+            self._arm.brake()
+        self._is_barred = True
+        if command is not None:
+            self._barred = command.goal
+
+    def _consider(self, command: CommandMessage, moment: Moment) -> None:
+        """Take up a new command, or brake where the motion that is followed is not proved.
+
+        Raises:
+            MessageError: The command is malformed.
+        """
+        counts = self._latencies.counts
+        counts.commands += 1
+        if command.sequence < self._sequence:
+            self._complain("the shield was started anew: send it a goal")
+            self._drop(command)
+        self._sequence = command.sequence
+        if self._is_barred:
+            # The first command after a beginning or a fault: its goal is older.
+            self._is_barred, self._barred = False, command.goal
+        if sorted(command.names) != sorted(self._names):
+            self._complain(f"a command is for other joints: {', '.join(command.names)}")
+            return
+        if command.stop == "brake":
+            if self._followed is not None:
+                self._followed = None
+                counts.stops += 1
+                self._arm.brake()
+            return
+        is_old = command.goal is None or command.goal == self._barred
+        if moment.hindrance or self._arm.is_braking or (is_old and self._followed is None):
+            return
+        order = np.array([command.names.index(name) for name in self._names])
+        if self._followed is not None:
+            here, speeds, _ = self._followed.at(moment.now)
+        elif max(map(abs, moment.state.v)) <= REST_SPEED:
+            here, speeds = np.empty(len(order)), np.zeros(len(order))
+            here[order] = moment.state.q
+        else:
+            return
+        if command.joins(here, speeds, moment.now):
+            self._followed, self._order = command, order
+        else:
+            counts.missed += 1
+
+    def _complain(self, problem: str) -> None:
+        """Tell of a problem once."""
+        if problem != self._problem:
+            self._problem = problem
+            self._link.tell(problem)

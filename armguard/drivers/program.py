@@ -1,0 +1,147 @@
+"""Obeys verdicts where the robot's own program moves the arm: scales, pauses and resumes it.
+
+What is ordered is repeated with each joint state: a slider that somebody else moves, or a program
+that somebody starts, is set right at once.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program, ProgramArm
+from armguard.drivers.latencies import Latencies
+from armguard.drivers.link import Link
+from armguard.drivers.measurement import Measurement
+from armguard.drivers.moment import Moment
+from armguard.drivers.obedience import Obedience, Order
+from armguard.drivers.options import DriveOptions
+
+REST_SPEED = 0.01
+"""What joints at rest do not exceed, in [rad/s]."""
+
+PAUSE_INTERVAL = 0.1
+STOP_INTERVAL = 0.5
+"""Between two orders to pause, or to stop, while the arm does not obey, in [s]."""
+
+RESUME_DELAY = 0.3
+"""How long verdicts must have allowed motion before a paused program goes on, in [s]."""
+
+
+class ProgramConduct:
+    """Lets a program run as verdicts allow; see `Conduct`.
+
+    Args:
+        arm: Runs the program.
+        options: How fast at most, and how long it may take to stop.
+        latencies: Counts what is done.
+        link: Takes lines for people.
+        measurement: Stops the arm on purpose; None: nothing does.
+    """
+
+    def __init__(
+        self,
+        arm: ProgramArm,
+        options: DriveOptions,
+        latencies: Latencies,
+        link: Link,
+        measurement: Measurement | None = None,
+    ) -> None:
+        self._arm = arm
+        self._options = options
+        self._latencies = latencies
+        self._link = link
+        self._measurement = measurement
+        self._obedience = Obedience()
+        self._restarts = 0
+        self._order = Order(0.0)
+        self._ordered_at = self._agreed_at = self._state_at = -math.inf
+        self._next_pause = self._next_stop = -math.inf
+        self._is_pausing = False
+        """Whether this has paused the program, and may let it go on."""
+
+    def act(self, moment: Moment) -> None:
+        """Set the slider; pause the program, let it go on, or stop it."""
+        now, state = moment.now, moment.state
+        order = self._obedience.decide(moment.verdict, now)
+        if self._measurement is not None and self._measurement.wants_stop(now):
+            order = Order(0.0, "measurement")
+        if moment.hindrance:
+            order = Order(0.0, order.cause or moment.hindrance)
+        if order.scale != self._order.scale or moment.is_new:
+            self._arm.scale(self._scale(order))
+        if state.trouble:
+            # What a fault has stopped, a person starts again.
+            self._is_pausing = False
+        self._note(order, moment)
+        if moment.is_new:
+            self._confirm(order, moment)
+        if order.scale > 0.0:
+            self._resume(moment)
+        else:
+            self._stop(moment)
+
+    def _scale(self, order: Order) -> float:
+        return max(LEAST_SCALE, min(order.scale, 1.0) * self._options.speed)
+
+    def _note(self, order: Order, moment: Moment) -> None:
+        """Note when what is ordered changes, and tell of a monitor that was started anew."""
+        if self._obedience.restarts != self._restarts:
+            self._restarts = self._obedience.restarts
+            if self._is_pausing:
+                self._link.tell(
+                    "the monitor was started anew: the program stays paused until it is started "
+                    "on the robot"
+                )
+            self._is_pausing = False
+        if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
+            self._ordered_at = self._agreed_at = moment.now
+            verdict = moment.verdict
+            if verdict is not None and order.cause in ("STOP", "no valid verdict"):
+                was_silent = order.cause != "STOP"
+                since = verdict.valid_until if was_silent else verdict.stamp
+                self._latencies.add_stop(time.monotonic() - since, was_silent=was_silent)
+        self._order = order
+
+    def _confirm(self, order: Order, moment: Moment) -> None:
+        """See that the robot has the speed that it was told: the library cannot say."""
+        now, scale = moment.now, moment.state.scale
+        was_silent = not now - self._state_at <= self._options.timeout
+        self._state_at = now
+        if was_silent or abs(scale - self._scale(order)) < 0.5 * LEAST_SCALE:
+            # What it was told while it was silent, it could not confirm.
+            self._agreed_at = now
+        elif not now - self._agreed_at <= self._options.longest_silence:
+            raise ArmLostError(
+                f"the robot does not take the speed slider: it says {scale:.3g}, and was told "
+                f"{self._scale(order):.3g}"
+            )
+
+    def _resume(self, moment: Moment) -> None:
+        """Let the program go on after a while, if it was paused here."""
+        program = moment.state.program
+        self._is_pausing = self._is_pausing and program is not Program.STOPPED
+        is_due = moment.now - self._ordered_at >= RESUME_DELAY
+        if self._is_pausing and program is Program.PAUSED and is_due:
+            self._is_pausing = False
+            self._arm.resume()
+
+    def _stop(self, moment: Moment) -> None:
+        """Pause a program that runs; where the arm moves on, stop it, by another way."""
+        now, state = moment.now, moment.state
+        if state.program is Program.RUNNING and now >= self._next_pause:
+            self._next_pause = now + PAUSE_INTERVAL
+            self._is_pausing = not state.trouble
+            self._arm.pause()
+        speed, waited = max(map(abs, state.v)), now - self._ordered_at
+        is_resting = speed <= REST_SPEED
+        if (is_resting or waited <= self._options.stop_within) or now < self._next_stop:
+            return
+        self._next_stop = now + STOP_INTERVAL
+        self._is_pausing = False
+        self._latencies.counts.hard_stops += 1
+        self._link.tell(
+            f"the arm still moves at {speed:.2g} rad/s {waited:.2g} s after it was told to pause: "
+            "stopping it, which ends its program"
+        )
+        self._arm.stop()

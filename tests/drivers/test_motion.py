@@ -1,0 +1,197 @@
+"""Laws of following a shield, with an arm and commands that a test can hold in its hands."""
+
+import os
+import time
+
+import msgspec
+import numpy as np
+import pytest
+
+from armguard.drivers.arm import ArmState, Program
+from armguard.drivers.latencies import Latencies
+from armguard.drivers.link import Link
+from armguard.drivers.moment import Moment
+from armguard.drivers.motion import MotionConduct
+from armguard.messages.command import CommandMessage, pack
+from support.fake_arms import FakeMotionArm
+from support.shield_commands import DURATION, HOME, NAMES, SPEED, command, move
+
+
+class Made:
+    """A conduct, its arm, and time that a test sets."""
+
+    def __init__(self):
+        self._reading, writing = os.pipe()
+        self.arm = FakeMotionArm(HOME)
+        self.latencies = Latencies(0.0)
+        self.conduct = MotionConduct(self.arm, NAMES, self.latencies, Link(writing))
+        self.now, self.newest = 100.0, None
+
+    def act(self, newest=None, after=0.002, hindrance="", trouble=""):
+        self.now += after
+        self.newest = newest or self.newest
+        state = ArmState(self.now, self.arm.q, self.arm.v, Program.RUNNING, trouble, 1.0)
+        self.conduct.act(Moment(self.now, None, self.newest, state, True, hindrance or trouble))
+
+    def begin(self, goal=2, **changes):
+        """Goal 1 is there before the driver; then comes another one."""
+        self.act(command(self.now, 1, goal=1))
+        one = command(self.now + 0.002, 2, goal=goal, **changes)
+        self.act(one)
+        return one
+
+    def read(self):
+        os.set_blocking(self._reading, False)
+        try:
+            return os.read(self._reading, 100_000).decode()
+        except BlockingIOError:
+            return ""
+
+
+@pytest.fixture
+def made():
+    return Made()
+
+
+def place(made):
+    return made.arm.q[0] - HOME[0]
+
+
+def test_a_goal_that_was_there_before_the_driver_moves_nothing(made):
+    for k in range(20):
+        made.act(command(made.now + 0.002, k + 1, goal=1))
+    assert made.arm.followed == []
+    assert set(made.arm.orders) == {"hold"}
+    assert made.latencies.counts.commands == 20
+
+
+def test_a_motion_is_followed_to_its_end_whatever_is_silent(made):
+    one = made.begin()
+    while made.now < one.valid_until + 0.1:
+        made.act()
+        assert place(made) == pytest.approx(move(made.now - one.stamp)[0], abs=1e-5)
+    assert place(made) == pytest.approx(SPEED * DURATION)
+    assert "brake" not in made.arm.orders
+
+
+def test_each_command_that_joins_takes_the_place_of_the_one_before(made):
+    one = made.begin()
+    for k in range(200):
+        made.act(command(made.now + 0.002, 3 + k, begun=one.stamp))
+    assert made.latencies.counts.missed == 0
+    assert place(made) == pytest.approx(move(made.now - one.stamp)[0], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "late",
+    [
+        {"take_up_by": 0.0},
+        {"times": b"", "q": b"", "v": b"", "a": b""},
+        {"q": pack(np.full((200, 6), 3.0))},
+        {"v": pack(np.full((200, 6), 3.0))},
+        {"q": pack(np.full((200, 6), np.nan))},
+        {"q": b"nonsense"},
+        {"times": pack(np.zeros(3))},
+        {"names": list("abcdex")},
+    ],
+)
+def test_what_is_late_elsewhere_or_malformed_is_not_taken_up(made, late):
+    one = made.begin()
+    for k in range(20):
+        newest = command(made.now + 0.002, 3 + k, begun=one.stamp)
+        made.act(msgspec.structs.replace(newest, **late))
+    assert place(made) == pytest.approx(move(made.now - one.stamp)[0], abs=1e-5)
+    assert np.isfinite(made.arm.followed).all()
+
+
+def test_a_motion_that_begins_elsewhere_moves_no_resting_arm(made):
+    made.arm.q = list(HOME + 0.01)
+    made.begin()
+    for k in range(20):
+        made.act(command(made.now + 0.002, 3 + k))
+    assert made.arm.followed == []
+
+
+def test_a_motion_that_ends_in_nothing_is_braked(made):
+    one = made.begin()
+    bad = command(made.now + 0.002, 3, begun=one.stamp)
+    q = np.frombuffer(bad.q).reshape(-1, 6).copy()
+    times = np.frombuffer(bad.times).copy()
+    times[100:102] = times[100]
+    made.act(msgspec.structs.replace(bad, q=pack(q), times=pack(times)))
+    with np.errstate(all="ignore"):
+        for _ in range(300):
+            made.act()
+    assert np.isfinite(made.arm.followed).all()
+
+
+def test_joints_may_stand_in_any_order(made):
+    one = made.begin(names=tuple("fedcba"))
+    for _ in range(100):
+        made.act()
+    assert made.arm.q[0] == pytest.approx(move(made.now - one.stamp)[0], abs=1e-5)
+    assert made.arm.q[1:] == pytest.approx(HOME[1:])
+
+
+def test_a_motion_that_is_not_proved_any_more_is_braked_once(made):
+    one = made.begin()
+    for k in range(5):
+        made.act(command(made.now + 0.002, 3 + k, begun=one.stamp, stop="brake"))
+    assert made.arm.orders.count("brake") == 1
+    assert made.latencies.counts.stops == 1
+
+
+def test_after_braking_it_goes_on_only_from_where_it_rests(made):
+    one = made.begin()
+    made.act(command(made.now + 0.002, 3, begun=one.stamp, stop="brake"))
+    made.arm.is_braking = True
+    before = len(made.arm.followed)
+    made.act(command(made.now + 0.002, 4))
+    assert len(made.arm.followed) == before
+    made.arm.is_braking, made.arm.v = False, [0.1] * 6
+    made.act(command(made.now + 0.002, 5))
+    assert len(made.arm.followed) == before
+    made.arm.v, made.arm.q = [0.0] * 6, list(HOME)
+    made.act(command(made.now + 0.002, 6))
+    assert len(made.arm.followed) == before + 1
+
+
+@pytest.mark.parametrize("kind", ["hindrance", "trouble"])
+def test_after_trouble_it_waits_for_another_goal(made, kind):
+    made.begin(goal=2)
+    made.act(**{kind: "protective stop"})
+    assert made.arm.orders.count("brake") == 1
+    made.arm.q = list(HOME)
+    before = len(made.arm.followed)
+    for k in range(10):
+        made.act(command(made.now + 0.002, 3 + k, goal=2))
+    assert len(made.arm.followed) == before
+    made.act(command(made.now + 0.002, 20, goal=3))
+    assert len(made.arm.followed) == before + 1
+
+
+def test_a_shield_that_was_started_anew_needs_another_goal(made):
+    made.begin(goal=2)
+    made.act(command(made.now + 0.002, 1, goal=7))
+    assert made.arm.orders.count("brake") == 1
+    assert "started anew" in made.read()
+    made.arm.q = list(HOME)
+    before = len(made.arm.followed)
+    made.act(command(made.now + 0.002, 2, goal=7))
+    assert len(made.arm.followed) == before
+    made.act(command(made.now + 0.002, 3, goal=8))
+    assert len(made.arm.followed) == before + 1
+
+
+def test_without_a_goal_nothing_moves(made):
+    made.act(command(made.now, 1, goal=None))
+    for k in range(10):
+        made.act(command(made.now + 0.002, 2 + k, goal=None))
+    assert made.arm.followed == []
+    made.act(command(made.now + 0.002, 20, goal=1))
+    assert made.arm.followed
+
+
+def test_a_command_is_plain_data():
+    one = command(time.monotonic())
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(one), type=CommandMessage) == one

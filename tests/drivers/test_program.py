@@ -1,0 +1,138 @@
+"""Laws of driving a program, with an arm and verdicts that a test can hold in its hands."""
+
+import os
+import time
+
+import msgspec
+import pytest
+
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program
+from armguard.drivers.latencies import Latencies
+from armguard.drivers.link import Link
+from armguard.drivers.loop import DriveLoop
+from armguard.drivers.program import RESUME_DELAY, ProgramConduct
+from armguard.verdict import Level
+from support.driven_cell import OPTIONS
+from support.fake_arms import FakeArm, FakeStreams
+
+
+@pytest.fixture
+def made():
+    reading, writing = os.pipe()
+    arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
+    latencies = Latencies(time.monotonic())
+    options = msgspec.structs.replace(
+        OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
+    )
+    conduct = ProgramConduct(arm, options, latencies, link)
+    loop = DriveLoop(arm, conduct, options, streams, streams, latencies, link)
+
+    def turn(seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            loop.turn()
+
+    yield arm, streams, turn, lambda: os.read(reading, 100_000).decode()
+    os.close(reading)
+    os.close(writing)
+
+
+def test_the_slider_follows_the_verdict_up_to_the_cells_speed(made):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    assert arm.fraction == 0.5
+    streams.scale = 0.4
+    turn(0.05)
+    assert arm.fraction == 0.2
+    streams.scale = 1e-6
+    turn(0.05)
+    assert arm.fraction == LEAST_SCALE
+    assert streams.published[0][1:] == (tuple("abcdef"), [0.0] * 6, [0.5] * 6, "left")
+    assert arm.orders == []
+
+
+@pytest.mark.parametrize(("level", "validity"), [(Level.STOP, 1.0), (Level.CLEAR, -1.0)])
+def test_a_stop_pauses_and_what_was_paused_goes_on_after_a_while(made, level, validity):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    streams.level, streams.validity = level, validity
+    turn(0.05)
+    assert (arm.orders, arm.fraction) == (["pause"], LEAST_SCALE)
+    streams.level, streams.validity = Level.CLEAR, 1.0
+    turn(0.5 * RESUME_DELAY)
+    assert arm.orders == ["pause"]
+    turn(RESUME_DELAY)
+    assert arm.orders == ["pause", "resume"]
+
+
+def test_what_somebody_else_has_paused_stays_paused(made):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    arm.program = Program.PAUSED
+    streams.level = Level.STOP
+    turn(0.05)
+    streams.level = Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert arm.orders == []
+
+
+def test_a_fault_takes_away_the_right_to_go_on(made):
+    arm, streams, turn, read = made
+    turn(0.05)
+    streams.level = Level.STOP
+    turn(0.05)
+    arm.trouble = "the robot is in a protective stop"
+    turn(0.05)
+    arm.trouble, streams.level = "", Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert arm.orders == ["pause"]
+    assert "tell the robot is in a protective stop\n" in (told := read())
+    assert "tell the robot can be driven again\n" in told
+
+
+def test_an_arm_that_goes_on_is_stopped(made):
+    arm, streams, turn, read = made
+    turn(0.05)
+    arm.pause = lambda: arm.orders.append("pause")
+    arm.speed = 10.0  # also at one percent too fast
+    streams.level = Level.STOP
+    turn(0.15)
+    assert "stop" not in arm.orders
+    turn(0.1)
+    assert arm.orders[-1] == "stop"
+    assert "stopping it, which ends its program" in read()
+    streams.level = Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert "resume" not in arm.orders
+
+
+def test_a_short_silence_of_the_robot_pauses_its_program(made):
+    arm, _, turn, _ = made
+    turn(0.05)
+    arm.is_silent = True
+    turn(0.05)
+    assert arm.orders == []
+    turn(0.1)
+    assert (arm.orders[0], arm.fraction) == ("pause", LEAST_SCALE)
+
+
+def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    arm.is_silent = True
+    with pytest.raises(ArmLostError, match="sent no state"):
+        turn(1.0)
+    arm.is_silent, arm.takes_slider, streams.scale = False, False, 0.3
+    with pytest.raises(ArmLostError, match="does not take the speed slider"):
+        turn(1.0)
+    arm.takes_slider, arm.speed, arm.program = True, float("nan"), Program.RUNNING
+    with pytest.raises(ArmLostError, match="not finite"):
+        turn(1.0)
+    assert all(state[3][0] >= 0.0 for state in streams.published)
+
+
+def test_without_any_verdict_it_stands(made):
+    arm, streams, turn, _ = made
+    streams.level = None
+    turn(0.05)
+    assert (arm.orders, arm.fraction) == (["pause"], LEAST_SCALE)
