@@ -45,6 +45,14 @@ FOR_BENDS = 0.7
 KNOT = 0.01
 """Between knots of a curve that was timed here, in [s]."""
 
+SMOOTHEST = 4.0
+"""Knots in which an acceleration is built up at least: a curve through fewer would have more jerk
+than it needs, and would be stretched for it."""
+
+RESTING = 2.0
+"""Knots at rest at the end of a curve: through each its end swings on with a quarter of what its
+acceleration was, which would end in a jump."""
+
 SEARCHES = 4
 """Closer and closer looks at where a path comes near a place."""
 
@@ -256,8 +264,9 @@ def _find_fastest(waypoints: FloatArray, limits: MotionLimits) -> tuple[FloatArr
     speed = np.sqrt(square)
     passed = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[1:] + speed[:-1]))])
     # Building up the acceleration with the jerk takes so long.
-    width = float((limits.acceleration / limits.jerk).max())
-    times = np.linspace(0.0, passed[-1] + width, math.ceil((passed[-1] + width) / KNOT) + 4)
+    width = max(float((limits.acceleration / limits.jerk).max()), SMOOTHEST * KNOT)
+    lasting = passed[-1] + width + RESTING * KNOT
+    times = np.linspace(0.0, lasting, math.ceil(lasting / KNOT) + 4)
     until = _integrate(passed, way, times)
     mean = (until - _integrate(passed, way, times - width)) / width
     return times, curve(np.clip(mean, 0.0, chords[-1]))
