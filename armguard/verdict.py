@@ -7,6 +7,7 @@ Whatever is unknown counts as the worst case, which is STOP.
 from __future__ import annotations
 
 import enum
+import operator
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -54,6 +55,7 @@ class ReasonKind(enum.Enum):
         text: In a few words.
         effect: What it does to the level.
         remedy: What to do about it.
+        weight: Its place among the others; the weightiest has the least.
     """
 
     CONTACT = (
@@ -345,6 +347,7 @@ class ReasonKind(enum.Enum):
         self.text = text
         self.effect = effect
         self.remedy = remedy
+        self.weight = 0
 
 
 class Reason(NamedTuple):
@@ -382,12 +385,14 @@ def _weigh(kind: ReasonKind) -> int:
     return 3 + (notes.index(kind) if kind in notes else len(notes))
 
 
-_WEIGHTS = {kind: _weigh(kind) for kind in ReasonKind}
+for _kind in ReasonKind:
+    _kind.weight = _weigh(_kind)
+_find_weight = operator.attrgetter("kind.weight")
 
 
 def sort_reasons(reasons: list[Reason]) -> None:
     """Put the weightiest reasons first, in place; equal ones stay in their order."""
-    reasons.sort(key=lambda reason: _WEIGHTS[reason.kind])
+    reasons.sort(key=_find_weight)
 
 
 def find_weightiest(reasons: Iterable[Reason]) -> Reason | None:
@@ -396,7 +401,7 @@ def find_weightiest(reasons: Iterable[Reason]) -> Reason | None:
     HOLD is left out: it says only that another one was weightier before.
     """
     causes = (reason for reason in reasons if reason.kind is not ReasonKind.HOLD)
-    return min(causes, key=lambda reason: _WEIGHTS[reason.kind], default=None)
+    return min(causes, key=_find_weight, default=None)
 
 
 class Held(NamedTuple):

@@ -111,7 +111,8 @@ def make_trajectory(
         seed: Number of the trajectory beside it.
         seconds: For which the arm is to follow it, in [s].
     """
-    acceleration = np.min(ACCELERATION * robot.acceleration_limit / robot.braking_deceleration)
+    share = ACCELERATION * robot.acceleration_limit / robot.braking_deceleration
+    acceleration = min(1.0, float(share.min()))
     first = 100 * seed + find_recordings().index(path)
     accept = keeps_within(robot, *WORKSPACE)
     for number in itertools.count(first, NEXT_SEED):
@@ -120,7 +121,7 @@ def make_trajectory(
             number,
             TRAJECTORY,
             speed_fraction=fraction,
-            acceleration_fraction=float(acceleration),
+            acceleration_fraction=acceleration,
             accept=accept,
         )
         if not meets_itself(trajectory, seconds):

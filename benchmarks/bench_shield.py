@@ -36,7 +36,7 @@ from scene.machine import describe_machine
 from scene.plays import Obeyed, Stage
 from scene.recorded_people import People
 from scene.shield_page import Outcome, Row, write_page
-from scene.shielded import LISTEN, Mover, Shielded, ShieldMover, play
+from scene.shielded import LISTEN, ExactArm, Mover, Shielded, ShieldMover, play
 from scene.stop_rules import MonitorRule, Oracle, PieceRule, Rule, Separation, Setting
 from scene.working_arm import WorkingArm
 
@@ -82,7 +82,7 @@ class Workplace:
         self.robot = robot = Robot.load("panda")
         self.fraction = fraction = speed / float(np.max(robot.velocity_limit))
         self._run, self._stage = run, Stage(robot, PERIOD)
-        self._leaves, self._clock = Leaves(robot), 0.0
+        self._arm, self._clock = ExactArm(Leaves(robot)), 0.0
         operating = make_operating(robot, fraction)
         self._rules: list[tuple[str, Rule, bool]] = []
         self._movers: list[tuple[str, Mover]] = []
@@ -132,7 +132,7 @@ class Workplace:
     def _play(self, mover: Mover, people: People, trajectory: JointTrajectory) -> Shielded:
         begin = self._clock
         self._clock += self._run.seconds + 60.0
-        return play(mover, self._leaves, people, trajectory, PERIOD, begin, self._run.seconds)
+        return play(mover, self._arm, people, trajectory, PERIOD, begin, self._run.seconds)
 
     def time_steps(self, case: Case, people: People) -> np.ndarray:
         """What steps take at the usual rate, in [s]."""
@@ -143,7 +143,7 @@ class Workplace:
             self.robot, self.fraction, case.path, 0, self._run.seconds
         )
         return play(
-            mover, self._leaves, people, trajectory, FAST_PERIOD, 0.0, self._run.seconds
+            mover, self._arm, people, trajectory, FAST_PERIOD, 0.0, self._run.seconds
         ).prices
 
     def _go_free(self, trajectory: JointTrajectory, people: People) -> float:

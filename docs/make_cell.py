@@ -23,6 +23,7 @@ from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
 from armguard.settings import contact_limits, separation_rule, settings
 from armguard.settings.declarations import Declaration, read_declarations
+from armguard.shield import Shield
 from armguard.streams import SourceLimits
 
 PAGE = Path(__file__).resolve().parent / "cell.md"
@@ -31,7 +32,7 @@ HEAD = """# Cell file
 
 <!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings: change it there -->
 
-What a `cell.toml` may say. `armguard run`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
+What a `cell.toml` may say. `armguard run`, `armguard shield`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
 
 ```toml
 robot = { name = "panda" }
@@ -47,6 +48,8 @@ TYPES = {
     "Positive": "number above 0",
     "NotNegative": "number from 0 on",
     "Bound": "number from 0 on",
+    "Positive | list[Positive]": "number above 0, or one a joint",
+    "Fraction": "above 0, up to 1",
     "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
     "Annotated[int, Meta(ge=0)]": "integer from 0 on",
     "Annotated[int, Meta(gt=0)]": "integer above 0",
@@ -73,6 +76,7 @@ CONFIGURED = {
     "CloudsTable": (CloudFilter,),
     "SourceTable": (SourceLimits,),
     "BoundsTable": (Obstacles,),
+    "ShieldTable": (Shield,),
 }
 """The classes whose arguments a table gives, which have the defaults."""
 
@@ -95,6 +99,7 @@ WORDS = {
     "OperatingTable.velocity": "the hardware's",
     "OperatingTable.acceleration": "the hardware's",
     "SourceTable.timeout": "`thresholds.source_timeout`",
+    "ShieldTable.chunk_period": "one period of the shield",
     "EntranceTable.speed": "as `[bounds]` has it",
     "CellTables.settings_from": "a simulated visit to the arm",
 }

@@ -22,7 +22,8 @@ from make_pictures import CHROMIUM, FLAGS
 from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from armguard import Monitor, Obstacles, Robot
+import armguard
+from armguard import Monitor, Obstacles, OperatingLimits, Robot, Shield
 from armguard.app.loop import Durations
 from armguard.app.view_feed import MonitorFeed
 from armguard.exceptions import ArmguardError
@@ -104,6 +105,34 @@ def play() -> Collection:
             durations.add(time.thread_time() - begin)
         scale = verdict.speed_scale
         feed.observe(verdict, now, durations, 0, wall=BEGIN + now)
+    return told
+
+
+def play_shield() -> Collection:
+    """The same while a shield moves the arm, from waypoint to waypoint."""
+    robot, place = Robot.load("panda"), find_place("panda")
+    (source,) = nodes.make_sources(DURATION, "", 0, 0)
+    obstacles, told = Obstacles(sources=[source.name]), Collection()
+    rate = 1.0 / PERIOD
+    limits = OperatingLimits.fraction(
+        robot, velocity=nodes.SHIELDED_SPEED_FRACTION, acceleration=0.25
+    )
+    monitor = Monitor(robot, obstacles, rate=rate, motion="planned", operating=limits, payload=0.0)
+    shield = Shield(monitor, jerk=500.0, rate=rate)
+    waypoints = nodes.make_trajectory(robot, place, 0).waypoints
+    q, v, durations, ways = waypoints[0], np.zeros(len(robot.joints)), Durations(), 1
+    shield.set_path(armguard.Path([q, waypoints[ways]]))
+    feed = MonitorFeed(monitor, told)  # type: ignore[arg-type]
+    for tick in range(1, round(DURATION / PERIOD)):
+        now = tick * PERIOD
+        source.publish(obstacles, now)
+        if shield.progress == 1.0 and np.abs(v).max() < 1e-9:
+            ways += 1
+            shield.set_path(armguard.Path([q, waypoints[ways % len(waypoints)]]))
+        command = shield.step(now, q, v)
+        feed.note(command.verdict, now, command)
+        feed.publish(now, durations, 0, wall=BEGIN + now, shield=shield)
+        q, v, _ = command.at(now + PERIOD)
     return told
 
 
@@ -348,6 +377,24 @@ def take_beginnings(browser: Browser, told: Collection) -> None:
     save(row, FOLDER / "beginnings.webp")
 
 
+def take_shield(browser: Browser, told: Collection) -> None:
+    """An arm that a shield slows down beside the person, halfway on its way down."""
+    told = play_shield()
+    slow = [
+        (float(np.ptp(np.frombuffer(frame.plan, "<f4").reshape(-1, 7), axis=0).max()), place)
+        for place, frame in enumerate(told.frames)
+        if frame.command is not None and frame.command.reason and 0.3 < frame.command.scale < 0.8
+    ]
+    stage = Stage(browser, told)
+    try:
+        stage.show(max(slow)[1] + 1)
+        stage.wait(has_text("slower", "slower"))
+        stage.page.locator("#presets").get_by_text("top").click()  # where ways are seen best
+        stage.take("shield")
+    finally:
+        stage.close()
+
+
 def take_film(browser: Browser, told: Collection) -> None:
     """An exported film, opened from its file."""
     with tempfile.TemporaryDirectory() as folder:
@@ -378,7 +425,7 @@ def main() -> None:
         "crowd": take_crowd,
         "silence": take_silence,
     }
-    others = {"beginnings": take_beginnings, "film": take_film}
+    others = {"beginnings": take_beginnings, "film": take_film, "shield": take_shield}
     wanted = sys.argv[1:] or [*parts, *others]
     FOLDER.mkdir(exist_ok=True)
     told = play()

@@ -11,8 +11,8 @@ import inspect
 import itertools
 from pathlib import Path
 
-from armguard.messages import answers, incoming
-from armguard.streams import SourceLimits, addresses, inputs
+from armguard.messages import answers, command, incoming, reasons
+from armguard.streams import SourceLimits, addresses, goal_intake, inputs
 from armguard.verdict import ReasonKind
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
@@ -30,7 +30,9 @@ TYPES = {
     "list[str]": "strings",
     "str | list[str] | None": "string, or strings, one a row, or nil",
     "list[float]": "numbers",
+    "list[GoalPath] | None": "list of paths, or nil",
     "bytes | list[float]": "numbers",
+    "bytes | list[float] | None": "numbers, or nil",
     "Points": f"n rows of 3 numbers, or of 1 to {incoming.POINT_LIMIT} such points",
     "Points | None": "as of `position`, or nil",
     "Cloud": "rows of 3 numbers",
@@ -56,13 +58,13 @@ HEAD = f"""# The wire
 
 <!-- written by docs/make_wire.py from armguard/messages: change it there -->
 
-What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard run` binds, all others connect, so any process may start first and any may be restarted.
+What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard run`, or `armguard shield`, binds, all others connect, so any process may start first and any may be restarted.
 
 | socket | of the monitor | of yours | address unless told otherwise | option of `armguard run` |
 |---|---|---|---|---|
 | obstacles | SUB, bound | PUB | `{addresses.OBSTACLES_ADDRESS}` | `--obstacles` |
-| joint states and plans | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
-| verdicts and answers | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
+| joint states, plans and goals | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
+| verdicts, commands and answers | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
 
 Both inputs take every type of message, and may be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states among them; there is no socket then but that of the verdicts.
 
@@ -70,10 +72,10 @@ Addresses are `ipc://` or TCP of this machine; others only where the cell file h
 
 ## Messages
 
-Each message is one part: a msgpack map, or a JSON object with the same fields; the monitor tells them apart by the first byte. Verdicts and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
+Each message is one part: a msgpack map, or a JSON object with the same fields; the monitor tells them apart by the first byte. Verdicts, commands and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
 
 - `type` names the message. Unknown fields are refused, missing ones are named.
-- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row. A field that may be nil, null in JSON, may as well be left out.
+- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row; those of commands are packed. A field that may be nil, null in JSON, may as well be left out.
 - JSON has no infinite numbers. In verdicts {answers.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. What is no number at all (NaN), such as the stamp of a verdict on a joint state whose stamp was none, is NaN in msgpack and null in JSON, and may be any number of a verdict or an answer. Obey the level first: a STOP is one whatever its numbers are, and a `valid_until` or `speed_scale` that is no number counts as over, and as 0. Bounds that are infinite can be sent in msgpack only.
 - Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix`, or `arrival` for a sender without a clock that could be compared.
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
@@ -180,6 +182,36 @@ ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one an
 SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer; one that is not as it should be is counted as `plan refused`, and narrows nothing.
 """
 
+GOALS = """## Goals
+
+`{"type": "goal", …}`: what `armguard shield` is to do from now on, in place of what it was asked before ([Shield](shield.md#as-a-process)). A monitor without a shield refuses it.
+"""
+
+PATHS = """A path is a map:
+"""
+
+AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late, or not as it should be, is refused: the one before goes on. It is counted as `goal refused`, told on standard error, and named in the commands that follow (`refused`, `problem`). Of several that come in one tick the newest one is taken. All paths of a goal have {goal_intake.MOST_SAMPLES} samples at most where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: it has to be sent again and again, and one of zeros lets the arm come to rest. A path and a chunk are followed to their ends, whoever has fallen silent.
+
+```json
+{{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder", "elbow"],
+ "paths": [{{"q": [[0.0, 0.5], [0.4, 0.7], [0.8, 0.5]]}}]}}
+{{"type": "goal", "number": 6, "until": 12.5, "names": ["shoulder", "elbow"], "velocity": [0.2, 0.0]}}
+```
+"""
+
+COMMANDS = """## Commands
+
+`{"type": "command", …}`, once a tick of `armguard shield`, after the verdict: the motion that the arm is to follow to its rest. It was proved as a whole.
+"""
+
+AFTER_COMMANDS = f"""A controller follows one motion at a time, to its end, whatever is silent. It takes another one up where both hold, and else goes on along the one that it has:
+
+- It comes in time, by `take_up_by`.
+- It joins: at that time it has the arm within {command.SAME_PLACE:g} rad or m, and {command.SAME_VELOCITY:g} rad/s or m/s, of where the motion before has it. So a motion that went on from one that was lost is not taken up.
+
+The verdict of the same tick needs no obedience beside that: `stop` of the command says when to brake.
+"""
+
 TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest.
 
 ```python
@@ -214,7 +246,7 @@ def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
 def write_table(schema: type) -> str:
     """The fields of a message, in Markdown."""
     rows = ["| field | type | meaning |", "|---|---|---|"]
-    is_sent_whole = not issubclass(schema, incoming.Message)  # by the monitor
+    is_sent_whole = not issubclass(schema, incoming.Message | incoming.GoalPath)  # by the monitor
     for name, words, default, text in read_fields(schema):
         optional = f", optional{_write_default(default)}" if default and not is_sent_whole else ""
         rows.append(f"| `{name}` | {words}{optional} | {text} |")
@@ -255,7 +287,7 @@ def write_page() -> str:
         VERDICT,
         write_table(answers.VerdictMessage),
         REASONS,
-        write_table(answers.ReasonMessage),
+        write_table(reasons.ReasonMessage),
         f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
         HELD,
         write_table(answers.HeldMessage),
@@ -267,6 +299,14 @@ def write_page() -> str:
         write_table(answers.PlanVerdictMessage),
         SHARING,
         TAIL,
+        GOALS,
+        write_table(incoming.GoalMessage),
+        PATHS,
+        write_table(incoming.GoalPath),
+        AFTER_GOALS,
+        COMMANDS,
+        write_table(command.CommandMessage),
+        AFTER_COMMANDS,
     ]
     return "\n".join(parts)
 

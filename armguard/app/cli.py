@@ -82,6 +82,8 @@ class Demo:
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
     """How many balls wander about the cell besides."""
+    shield: Flag = False
+    """A shield moves the arm, on proved motions alone; without it, the arm obeys verdicts."""
     schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0
@@ -124,7 +126,7 @@ class Run:
     joints: Annotated[str | None, _default(JOINTS_ADDRESS)] = None
     """Address to bind for joint states."""
     verdicts: str = VERDICTS_ADDRESS
-    """Address to bind for readers of verdicts."""
+    """Address to bind for readers of verdicts, and of commands."""
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
     reset_token: str | None = None
@@ -138,7 +140,7 @@ class Run:
     json: Flag = False
     """Print the summary as one JSON object."""
     json_verdicts: Flag = False
-    """Send verdicts as JSON objects, not as msgpack maps."""
+    """Send verdicts and commands as JSON objects, not as msgpack maps."""
     premises: Flag = False
     """Tell every premise that verdicts rest on, a line each."""
     quiet: Flag = False
@@ -148,11 +150,65 @@ class Run:
 
     def run(self) -> int:
         """Run until the end of the duration, of standard input, or Ctrl-C."""
+        return self._supervise(moves=False)
+
+    def _supervise(self, *, moves: bool) -> int:
         if self.parent is not None:
             end_with(self.parent)
         from armguard.app.run import supervise
 
-        return supervise(self)
+        return supervise(self, moves=moves)
+
+
+@command
+class Shield(Run):
+    """Move an arm on proved motions alone: goals and joint states streamed in, commands out.
+
+    Takes what `armguard run` takes, and goals beside it. The cell file needs [shield].
+
+    Example: armguard shield demos/shield.toml --view tcp://127.0.0.1:5704
+    """
+
+    def run(self) -> int:
+        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        return self._supervise(moves=True)
+
+
+@command
+class Drive:
+    """Join a robot to a running monitor: joint states out, verdicts obeyed.
+
+    The robot is that of [robot.driver] in the cell file. Without a valid verdict it stands.
+
+    Example: armguard drive demos/ur5e.toml
+    """
+
+    cell: Positional[Path]
+    """The cell file, as `armguard run` has it."""
+    arm: str | None = None
+    """Which arm, in a cell with several."""
+    joints: str = JOINTS_ADDRESS
+    """Address of the monitor's joint states."""
+    verdicts: str = VERDICTS_ADDRESS
+    """Address of its verdicts."""
+    measure: Flag = False
+    """Stop the arm a few times while its program runs, and print how it stops."""
+    stops: int = 5
+    """How often, with --measure."""
+    key: Path | None = None
+    """Where the monitor asks for keys: the secret file of a client with joints and verdicts."""
+    server_key: Path | None = None
+    """The monitor's public file."""
+    duration: float = float("inf")
+    """How long to drive, in seconds."""
+    json: Flag = False
+    """Print one JSON object at the end; what is for people goes to standard error."""
+
+    def run(self) -> int:
+        """Drive until the end of the duration, or Ctrl-C."""
+        from armguard.app.drive import drive
+
+        return drive(self)
 
 
 @command
@@ -605,7 +661,7 @@ class Robots:
 
 
 GROUPS: dict[str, dict[str, type[Command]]] = {
-    "run": {"demo": Demo, "run": Run, "reset": Reset},
+    "run": {"demo": Demo, "run": Run, "shield": Shield, "drive": Drive, "reset": Reset},
     "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
     "prepare": {
         "robot": NewRobot,

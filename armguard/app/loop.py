@@ -24,10 +24,10 @@ from armguard.app.cell.cell import Cell
 from armguard.app.cell.schema import given
 from armguard.app.processes import complain, noted_interrupts
 from armguard.app.realtime import IdleCollector, Realtime, release_compiler, request_realtime
+from armguard.app.stepper import Stepper, take_shared_plan, tell_unknown
 from armguard.clock import Clock, MonotonicClock
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
-from armguard.monitor.plan_verdict import refuse_plan
 from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.streams.authentication import Authenticator
@@ -36,13 +36,12 @@ from armguard.streams.faults import FaultLog, logger
 from armguard.streams.inputs import Input, LineInput, SocketInput
 from armguard.streams.nodes import VerdictPublisher
 from armguard.streams.other_arm_intake import OtherArm
-from armguard.streams.requests import ExemptionRequest, PlanRequest
+from armguard.streams.requests import ExemptionRequest
 from armguard.streams.stamp_clocks import StampClock
-from armguard.verdict import BRAKE, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
+from armguard.verdict import Reason, ReasonKind, ResetVerdict, Verdict
 
 if TYPE_CHECKING:
-    from armguard.bounds.planned.plan import Plan
-    from armguard.pairs.arm_obstacles import ArmObstacles
+    from armguard.shield.shield import Shield
 
 LONGEST_SPELL = 0.19
 REST = 0.01
@@ -117,16 +116,16 @@ class RateLoop:
     """Steps a monitor at its rate from an edge and its inputs.
 
     Args:
-        monitor: What is stepped.
+        stepper: Steps the monitor, and answers what is asked of it.
         edge: What the inputs' messages go through.
         inputs: Where messages come from; the loop ends when one that can end has ended.
         clock: Tells time and sleeps; the same as the edge's.
         publish: Takes each verdict; must never block.
-        answer: Takes the number of each plan and reset that came, and the answer to it; must never
-            block.
+        answer: Takes the number of each reset that came, and the answer to it; must never block.
         observers: Told of each verdict and of time to rest, one after the other.
 
     Attributes:
+        stepper: As above.
         monitor: What is stepped.
         clock: Tells time.
         durations: How long ticks took so far.
@@ -136,15 +135,16 @@ class RateLoop:
 
     def __init__(
         self,
-        monitor: Monitor,
+        stepper: Stepper,
         edge: Edge,
         inputs: Sequence[Input],
         clock: Clock,
         publish: Callable[[Verdict], None],
-        answer: Callable[[int, PlanVerdict | ResetVerdict], None],
+        answer: Callable[[int, ResetVerdict], None],
         observers: Sequence[Observer] = (),
     ) -> None:
-        self.monitor = monitor
+        self.stepper = stepper
+        self.monitor = stepper.monitor
         self._edge = edge
         self._inputs = list(inputs)
         self.clock = clock
@@ -218,17 +218,11 @@ class RateLoop:
         drained = read_clock()
         if edge.requests.is_reset:
             edge.requests.is_reset = False
-            self.monitor.reset()
+            self.stepper.reset()
             self._obeyed_resets += 1
         for exemption in edge.requests.exemptions:
             self._take_exemption(exemption)
-        state = edge.joints.state
-        if state is None:
-            verdict = _wait_for_joints(now, edge.joints.dropped_age)
-            if self.monitor.settings.permits_contact:
-                verdict = verdict._replace(contact_speed=math.inf)
-        else:
-            verdict = self.monitor.step(state.stamp, state.q, state.v, now)
+        verdict = self.stepper.step(now)
         judged = read_clock()
         self._publish(verdict)
         self._sending.add(read_clock() - judged)
@@ -236,9 +230,7 @@ class RateLoop:
         self._drain.add(drained - begin)
         for number, obeyed in edge.requests.reset_verdicts:
             self._answer(number, obeyed)
-        for request in edge.requests.plans:
-            is_newest = request is edge.requests.plans[-1]
-            self._answer(request.number, judge_request(self.monitor, request, is_newest=is_newest))
+        self.stepper.answer()
         for observer in self._observers:
             observer.observe(self, verdict)
         return verdict
@@ -348,49 +340,6 @@ class RunRecording(Observer):
             complain(problem)
 
 
-def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) -> PlanVerdict:
-    """The answer to a plan that came from outside; nothing in it makes this raise.
-
-    Args:
-        monitor: After its step.
-        request: The plan, and what is asked of it.
-        is_newest: Whether no other plan came after it in the same tick. Each costs a good part of
-            a tick, so one is judged.
-    """
-    if request.problem:
-        return refuse_plan("message", request.problem)
-    if not is_newest:
-        return refuse_plan("plan", "was overtaken by a newer one in the same tick")
-    if not monitor.settings.with_plans:
-        return refuse_plan("monitor", 'takes no plans: it has no motion = "planned" in [monitor]')
-    return monitor.commit(_make_plan(request))
-
-
-def take_shared_plan(
-    other: ArmObstacles, request: PlanRequest, until: float, clock_error: float
-) -> None:
-    """Tell the obstacles of another arm what it promises; see `ArmObstacles.take_plan`.
-
-    Raises:
-        ArmguardError: It is no such promise.
-    """
-    other.take_plan(_make_plan(request), until, clock_error)
-
-
-def _make_plan(request: PlanRequest) -> Plan:
-    # Loaded long before by what judges plans, or takes them of another arm.
-    from armguard.bounds.planned.plan import Plan
-
-    return Plan(
-        request.stamp,
-        request.times,
-        request.q,
-        request.v,
-        request.tracking_error,
-        request.velocity_tracking_error,
-    )
-
-
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
     """Options of a run that do not stand in its cell file."""
@@ -413,7 +362,9 @@ class RunOptions:
     """Whether to ask the system for real-time scheduling and locked memory; what it refuses is told
     on standard error."""
     json_verdicts: bool = False
-    """Whether verdicts and answers to plans are sent as JSON, not as msgpack."""
+    """Whether verdicts, commands and answers are sent as JSON, not as msgpack."""
+    moves: bool = False
+    """Whether a shield moves the arm, as `[shield]` of the cell says."""
 
 
 def run(
@@ -444,6 +395,7 @@ def run(
         ArmguardError: If the cell cannot be made.
     """
     robot, obstacles, monitor = cell.build()
+    shield = cell.make_shield(monitor) if options.moves else None
     others = {
         other.name: OtherArm(
             other.robot.joints,
@@ -513,8 +465,9 @@ def run(
                 }
             )
         note = None if log is None else log.recorder.note
+        stepper = _make_stepper(monitor, shield, edge, publisher)
         loop = RateLoop(
-            monitor, edge, inputs, clock, publisher.publish, publisher.answer, observers
+            stepper, edge, inputs, clock, publisher.publish, publisher.answer, observers
         )
         release_compiler()
         with _ending_with_a_stop(publisher, clock, note):
@@ -529,6 +482,16 @@ def run(
             return report
         log.recorder.write_pending()
         return report._replace(lost=log.recorder.lost)
+
+
+def _make_stepper(
+    monitor: Monitor, shield: Shield | None, edge: Edge, publisher: VerdictPublisher
+) -> Stepper:
+    if shield is None:
+        return Stepper(monitor, edge, publisher.answer)
+    from armguard.app.shield_stepper import ShieldStepper
+
+    return ShieldStepper(shield, monitor, edge, publisher)
 
 
 @contextlib.contextmanager
@@ -554,7 +517,7 @@ def _ending_with_a_stop(
     finally:
         reason = Reason(ReasonKind.ENDED, "", detail)
         with contextlib.suppress(Exception):  # what ended the loop may be the publisher itself
-            publisher.publish(_tell_unknown(clock.now(), reason))
+            publisher.publish(tell_unknown(clock.now(), reason))
         if note is not None:
             note(str(reason))
 
@@ -579,38 +542,6 @@ def _inputs(options: RunOptions) -> tuple[str, str]:
     if joints_address is None:
         joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
     return obstacles_address, joints_address
-
-
-def _wait_for_joints(now: float, dropped_age: float) -> Verdict:
-    """The verdict while no fresh joint state has come: nothing is known, so STOP.
-
-    Args:
-        now: Time of the tick, in [s].
-        dropped_age: How old the last one was that was dropped, in [s]; nan: none was.
-    """
-    detail = "no joint state has arrived yet"
-    if not math.isnan(dropped_age):
-        detail = f"no fresh joint state has arrived yet, the last one was {dropped_age:.3g} s old"
-    return _tell_unknown(now, Reason(ReasonKind.NOT_YET_COMPLETE, "joints", detail))
-
-
-def _tell_unknown(now: float, reason: Reason) -> Verdict:
-    """The verdict where no joint state can be judged, at `now` [s]: STOP."""
-    return Verdict(
-        stamp=now,
-        sequence=0,
-        level=Level.STOP,
-        contact_time=0.0,
-        stop_time=math.inf,
-        speed_scale=0.0,
-        link=None,
-        obstacle=None,
-        complete=False,
-        evaluated=0,
-        reasons=(reason,),
-        valid_until=now,
-        stop=BRAKE,
-    )
 
 
 _PER_OCTAVE = 64

@@ -1,4 +1,4 @@
-"""`armguard run`, `reset` and `view`: a cell supervised from streams, its reset and its view."""
+"""`armguard run`, `shield`, `reset` and `view`: a cell on streams, its reset and its view."""
 
 from __future__ import annotations
 
@@ -48,11 +48,12 @@ PROGRESS_INTERVAL = 2.0
 """Between two lines about the progress of long work where there is no terminal, in [s]."""
 
 
-def supervise(wishes: cli.Run) -> int:
+def supervise(wishes: cli.Run, *, moves: bool) -> int:
     """Supervise a cell until the end, and print the summary; the exit code.
 
     Args:
         wishes: What the command line says.
+        moves: Whether a shield moves the arm.
 
     Raises:
         ArmguardError: The cell cannot be made, or an address cannot be used.
@@ -74,6 +75,7 @@ def supervise(wishes: cli.Run) -> int:
         reset_token=wishes.reset_token,
         realtime=not wishes.no_realtime,
         json_verdicts=wishes.json_verdicts,
+        moves=moves,
     )
     inputs = (wishes.obstacles, wishes.joints or JOINTS_ADDRESS)
     console = make_console(stderr=True)
@@ -390,7 +392,7 @@ class _Observer(Observer):
         self.counts.count(verdict)
         self._announcer.observe(loop.clock.now(), verdict)
         if self._feed is not None:
-            self._feed.note(verdict, loop.clock.now())
+            self._feed.note(verdict, loop.clock.now(), loop.stepper.command)
             # A loop that never rests is not to vanish from the page.
             self.rest(loop, 0.0)
 
@@ -403,4 +405,5 @@ class _Observer(Observer):
                 loop.late,
                 resets=loop.resets,
                 idle=idle,
+                shield=loop.stepper.shield,
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -26,6 +27,7 @@ from armguard.verdict import Effect, Held, Level, Reason, ReasonKind, Verdict, f
 from armguard.view.buckets import count_buckets
 from armguard.view.messages import (
     Balls,
+    CommandSummary,
     FrameMessage,
     Latch,
     LinkCover,
@@ -39,6 +41,10 @@ from armguard.view.messages import (
     VerdictSummary,
 )
 from armguard.view.publisher import FramePublisher
+
+if TYPE_CHECKING:
+    from armguard.shield.command import Command
+    from armguard.shield.shield import Shield
 
 INTERVAL = 1.0 / 30.0
 """Between two frames, in [s]."""
@@ -58,6 +64,9 @@ REASON_LIMIT = 6
 PLAN_SAMPLES = 24
 """Places on a told path that are drawn."""
 
+PATH_SAMPLES = 48
+"""Places on what is left of a shield's path that are drawn."""
+
 
 OF_KNOWN_ROBOT = Origin()
 
@@ -74,6 +83,8 @@ class MonitorFeed:
     def __init__(
         self, monitor: Monitor, publisher: FramePublisher, origin: Origin = OF_KNOWN_ROBOT
     ) -> None:
+        self._command: Command | None = None
+        """Of the last tick."""
         self._monitor = monitor
         self._publisher = publisher
         self._next = -math.inf
@@ -120,9 +131,9 @@ class MonitorFeed:
         self.note(verdict, now)
         self.publish(now, durations, late, wall=wall, resets=resets)
 
-    def note(self, verdict: Verdict, now: float) -> None:
-        """Note the newest verdict, at a time of the monitor's clock, in [s]."""
-        self._newest = verdict
+    def note(self, verdict: Verdict, now: float, command: Command | None = None) -> None:
+        """Note the newest verdict, and the shield's command, at a time of the monitor, in [s]."""
+        self._newest, self._command = verdict, command
         if verdict.stamp != self._stamp:
             self._stamp = verdict.stamp
             self._states += verdict.sequence > 0
@@ -148,6 +159,7 @@ class MonitorFeed:
         wall: float | None = None,
         resets: Resets = NO_RESETS,
         idle: float = math.inf,
+        shield: Shield | None = None,
     ) -> None:
         """Publish a frame of the newest verdict if one is due.
 
@@ -160,6 +172,7 @@ class MonitorFeed:
             idle: How much time there is, in [s]. A frame that took longer the last time waits for
                 a later call; but no longer than for another frame, or `LONGEST_WAIT` where there is
                 no time at all.
+            shield: What moves the arm; None: it is only watched.
         """
         verdict = self._newest
         wait = 0.0 if self._cost <= idle else (INTERVAL if idle > 0.0 else LONGEST_WAIT)
@@ -189,6 +202,7 @@ class MonitorFeed:
                     wall=time.time() if wall is None else wall,
                     refused_resets=resets.refused,
                     obeyed_resets=resets.obeyed,
+                    **describe_shield(shield, self._command),
                 )
                 self._publisher.publish_frame(frame)
         self._worst = None
@@ -381,6 +395,19 @@ def _pack_obstacles(monitor: Monitor, snapshot: Snapshot) -> ObstacleShapes:
         statics=table.static[rows],
         entrances=np.isin(rows, monitor.obstacles.entrance_rows),
     )
+
+
+def describe_shield(shield: Shield | None, command: Command | None) -> dict[str, Any]:
+    """What a frame has of a shield and its newest command; nothing where there is none."""
+    if shield is None or command is None:
+        return {}
+    summary = CommandSummary(
+        scale=min(command.scale, 1.0),
+        reason="" if command.reason is None else str(command.reason),
+        progress=shield.progress,
+        is_proved=command.stop is None,
+    )
+    return {"command": summary, "path": shield.sample_path(PATH_SAMPLES).astype("<f4").tobytes()}
 
 
 def _sample_plan(monitor: Monitor, now: float) -> bytes:

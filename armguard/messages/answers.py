@@ -1,4 +1,4 @@
-"""What a monitor answers: verdicts, and answers to plans and resets, in msgpack or JSON.
+"""What a monitor answers: verdicts, commands, and answers to plans and resets, in msgpack or JSON.
 
 Times on the wire are of the machine's monotonic clock, and levels stand by name.
 """
@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
 
+from armguard.messages.command import CommandMessage, move_clock, unpack
 from armguard.messages.incoming import MessageError, is_json, to_plain
-from armguard.verdict import Held, Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
+from armguard.messages.reasons import ReasonMessage, read_reasons, write_reasons
+from armguard.verdict import Held, Level, PlanVerdict, ResetVerdict, Verdict
 
 if TYPE_CHECKING:
     from armguard.contact.earliest import Certificate
@@ -24,17 +26,6 @@ GREATEST = sys.float_info.max
 
 Figure = float | None
 """A number of an answer: nil stands in JSON for what is no number, as of a stamp that was none."""
-
-
-class ReasonMessage(msgspec.Struct):
-    """One reason of a verdict, or of the answer to a plan."""
-
-    kind: str
-    """lower-case name of a `ReasonKind`"""
-    subject: str
-    """what it is about: a joint, an obstacle, a source"""
-    detail: str
-    """what was found, and what was expected"""
 
 
 class CertificateMessage(msgspec.Struct):
@@ -144,7 +135,7 @@ class ResetVerdictMessage(msgspec.Struct, tag_field="type", tag="reset_verdict")
     """why not; empty where it was obeyed"""
 
 
-_AnyAnswer = VerdictMessage | PlanVerdictMessage | ResetVerdictMessage
+_AnyAnswer = VerdictMessage | CommandMessage | PlanVerdictMessage | ResetVerdictMessage
 _encoder = msgspec.msgpack.Encoder(enc_hook=to_plain)
 _json_encoder = msgspec.json.Encoder(enc_hook=to_plain)
 _decoder: msgspec.msgpack.Decoder[_AnyAnswer] = msgspec.msgpack.Decoder(_AnyAnswer)
@@ -152,8 +143,6 @@ _json_decoder: msgspec.json.Decoder[_AnyAnswer] = msgspec.json.Decoder(_AnyAnswe
 
 
 _LEVELS = tuple(level.name for level in Level)
-_KINDS = {kind: kind.name.lower() for kind in ReasonKind}
-_KINDS_BY_NAME = {name: kind for kind, name in _KINDS.items()}
 
 
 def _to_json_figure(value: float) -> float:
@@ -174,24 +163,12 @@ def _read_json_figure(value: Figure) -> float:
     return math.copysign(math.inf, value) if abs(value) >= GREATEST else value
 
 
-def _write_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:
-    return [ReasonMessage(_KINDS[kind], subject, detail) for kind, subject, detail in reasons]
-
-
-def _read_reasons(reasons: Iterable[ReasonMessage]) -> tuple[Reason, ...]:
-    """Reasons of messages; raises ValueError for a kind that is unknown."""
-    for one in reasons:
-        if one.kind not in _KINDS_BY_NAME:
-            raise ValueError(f"reason {one.kind!r}")
-    return tuple(Reason(_KINDS_BY_NAME[one.kind], one.subject, one.detail) for one in reasons)
-
-
 def to_verdict_message(verdict: Verdict) -> VerdictMessage:
     """A verdict as a message, in the monitor's own time; its numbers are as they are."""
     # Its fields are those of the message, in their order.
     message = VerdictMessage(*verdict)  # type: ignore[arg-type]
     message.level = _LEVELS[verdict.level]
-    message.reasons = _write_reasons(verdict.reasons) if verdict.reasons else []
+    message.reasons = write_reasons(verdict.reasons) if verdict.reasons else []
     if verdict.certificate is not None:
         message.certificate = _to_certificate_message(verdict.certificate)
     if verdict.held is not None:
@@ -208,7 +185,7 @@ def _to_certificate_message(certificate: Certificate) -> CertificateMessage:
 
 def _to_held_message(held: Held) -> HeldMessage:
     cause, *times = held
-    return HeldMessage(None if cause is None else _write_reasons((cause,))[0], *times)
+    return HeldMessage(None if cause is None else write_reasons((cause,))[0], *times)
 
 
 def read_verdict(
@@ -229,7 +206,7 @@ def read_verdict(
     if message.level not in Level.__members__:
         raise ValueError(f"level {message.level!r}")
     fields["level"] = Level[message.level]
-    fields["reasons"] = _read_reasons(message.reasons)
+    fields["reasons"] = read_reasons(message.reasons)
     for name in ("separation", "proved_until", "contact_speed"):
         if fields[name] is not None:
             fields[name] = read(fields[name])
@@ -245,7 +222,7 @@ def read_verdict(
         )
     if message.held is not None:
         cause, *numbers = msgspec.structs.astuple(message.held)
-        reason = None if cause is None else _read_reasons([cause])[0]
+        reason = None if cause is None else read_reasons([cause])[0]
         fields["held"] = Held(reason, *map(read, numbers))
     return Verdict(**fields)
 
@@ -258,7 +235,7 @@ def to_plan_message(number: int, verdict: PlanVerdict) -> PlanVerdictMessage:
         verdict: The answer; its contact time is counted from when it was judged.
     """
     safe, contact_time, link, obstacle, reasons = verdict
-    return PlanVerdictMessage(number, safe, contact_time, link, obstacle, _write_reasons(reasons))
+    return PlanVerdictMessage(number, safe, contact_time, link, obstacle, write_reasons(reasons))
 
 
 def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) -> bytes:
@@ -279,6 +256,18 @@ def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) ->
         message.held.since = verdict.held.since + offset
         message.held.rises_at = verdict.held.rises_at + offset
     return _encode(message, as_json)
+
+
+def encode_command(command: CommandMessage, offset: float, *, as_json: bool = False) -> bytes:
+    """A command as a msgpack map, or as a JSON object.
+
+    Args:
+        command: In the monitor's own time; not changed.
+        offset: Machine's monotonic clock minus the monitor's, in [s].
+        as_json: Whether it is JSON.
+    """
+    moved = move_clock(command, offset)
+    return _encode(unpack(moved) if as_json else moved, as_json)
 
 
 def encode_plan_verdict(number: int, verdict: PlanVerdict, *, as_json: bool = False) -> bytes:
@@ -313,14 +302,16 @@ def _bound(value: Any) -> Any:
     return value
 
 
-def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdict]:
-    """What a monitor publishes: a verdict, or the number of a plan or reset and the answer to it.
+def decode_answer(
+    data: bytes,
+) -> Verdict | CommandMessage | tuple[int, PlanVerdict | ResetVerdict]:
+    """What a monitor publishes: a verdict, a command, or the answer to a plan or reset by number.
 
     Both encodings are read. Times of a verdict are on the machine's monotonic clock. A verdict is
     read whatever its numbers are, since it may be a STOP; those that are none are NaN.
 
     Raises:
-        MessageError: If it is neither.
+        MessageError: If it is none of these.
     """
     as_json = is_json(data)
     read = _read_json_figure if as_json else _read_figure
@@ -332,10 +323,13 @@ def decode_answer(data: bytes) -> Verdict | tuple[int, PlanVerdict | ResetVerdic
                 read(message.contact_time),
                 message.link,
                 message.obstacle,
-                _read_reasons(message.reasons),
+                read_reasons(message.reasons),
             )
         if isinstance(message, ResetVerdictMessage):
             return message.number, ResetVerdict(message.obeyed, message.problem)
+        if isinstance(message, CommandMessage):
+            message.read()
+            return message
         return read_verdict(message, read)
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError, MessageError) as error:
         raise MessageError("verdict", f"unusable ({error})", "a verdict of this version") from None

@@ -179,6 +179,37 @@ class PlanMessage(Message, tag="plan"):
     """of a promise: how long the arm keeps to the plan, [s] on the clock of the joint states"""
 
 
+class GoalPath(msgspec.Struct, forbid_unknown_fields=True):
+    """A path that a goal offers, from rest to rest."""
+
+    q: Rows
+    """positions, [rad] or [m], in rows of one value a name: waypoints of a smooth curve, or samples
+    of a trajectory"""
+    times: bytes | list[float] | None = None
+    """of the samples, [s], rising; left out: the fastest within limits"""
+
+
+class GoalMessage(Message, tag="goal"):
+    """What a shield is to do from now on, in place of what it was asked before."""
+
+    number: Number
+    """of the goal; commands carry that of the newest one that was taken: use none twice, and none
+    of another sender's"""
+    until: float
+    """a goal that comes later is refused, and a velocity ends then; [s] on the clock of the joint
+    states"""
+    names: list[str]
+    """of the joints, in any order"""
+    paths: list[GoalPath] | None = None
+    """the first one on which the most progress is provable is followed; or"""
+    velocity: bytes | list[float] | None = None
+    """velocities to keep, [rad/s] or [m/s], one a name; or"""
+    chunk: Rows | None = None
+    """the next positions of a policy, [rad] or [m]: one row a point, one value a name"""
+    arm: str = ""
+    """whose goal it is, by its name in a cell with several arms; left out where there is one"""
+
+
 class RemoveMessage(Message, tag="remove"):
     """Obstacles that left the cell, said by the source that saw them go."""
 
@@ -252,6 +283,7 @@ AnyMessage = (
     | CloudMessage
     | JointsMessage
     | PlanMessage
+    | GoalMessage
     | RemoveMessage
     | IgnoreMessage
     | WatchMessage

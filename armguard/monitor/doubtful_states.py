@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
 from armguard.monitor.late_data import LOOK_INTERVAL, LateData
 from armguard.monitor.second_look import NearPairs, SecondLook
@@ -74,7 +75,7 @@ class DoubtfulStates:
         self._scheduler = scheduler
         self._look_again = look_again
         self._late_data = late_data
-        sum_up_doubts(obstacles.table.handle, 0.0, math.inf)  # compiled here, not in a tick
+        self._sum_up = machine_code(sum_up_doubts, obstacles.table.handle, 0.0, math.inf)
         self.reset()
 
     def reset(self) -> None:
@@ -95,7 +96,7 @@ class DoubtfulStates:
             level: What it earns by itself, below CLEAR, for nothing but contact times.
         """
         table, ids = self._obstacles.table, self._obstacles.ids
-        known = sum_up_doubts(table.handle, tick.now, self._late_data.find_shortest_usual())
+        known = self._sum_up(table.handle, tick.now, self._late_data.find_shortest_usual())
         if known == 0:
             return []
         asked = level, known

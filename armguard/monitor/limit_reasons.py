@@ -14,7 +14,7 @@ from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.contact_limits import ContactLimits
 from armguard.verdict import Reason, ReasonKind
 
-TOLD_FOR = 50e-3
+TOLD_FOR = 0.2
 """How long a reason stands for a pair before its figures are found anew, in [s]."""
 
 

@@ -814,7 +814,7 @@ class Obstacles(ObstacleRegister):
 
         Raises:
             ObstacleError: An argument is malformed, both ids are the same, one of them would have
-                more than 4 tethers, or there would be more than 1024 of them; a fault is left.
+                more than 6 tethers, or there would be more than 1024 of them; a fault is left.
         """
         try:
             pair = self._read_tethered(a, b)

@@ -22,7 +22,7 @@ import numpy as np
 
 from armguard.jit.arrays import BoolArray, FloatArray, IntArray
 
-MOST_TETHERS = 4
+MOST_TETHERS = 6
 """Tethers of one obstacle."""
 
 MOST_STATED = 1024

@@ -72,6 +72,8 @@ def _list_parts() -> dict[str, Part]:
     limbs = (
         ("shoulder", ("shoulder",), "shoulder", "shoulder", "shoulder"),
         ("upper_arm", ("shoulder", "elbow"), "upper_arm", "upper_arm", "upper_arm"),
+        # Within the limbs that meet there; hands are tethered to it.
+        ("elbow", ("elbow",), "forearm", "elbow", "forearm"),
         ("forearm", ("elbow", "wrist"), "forearm", "forearm", "forearm"),
         ("hand", ("wrist", "knuckles"), "hand", "hand", "hand"),
         ("thigh", ("hip", "knee"), "thigh", "thigh", "thigh"),
@@ -518,9 +520,13 @@ class Skeleton:
 
 _ALONG_LIMBS = (
     ("shoulder", "upper_arm"),
+    ("shoulder", "elbow"),
     ("shoulder", "forearm"),
     ("shoulder", "hand"),
+    ("upper_arm", "elbow"),
     ("upper_arm", "forearm"),
+    ("elbow", "forearm"),
+    ("elbow", "hand"),
     ("forearm", "hand"),
     ("thigh", "shank"),
     ("shank", "foot"),
@@ -532,7 +538,7 @@ _TETHERS = (
     *((f"{side}_{a}", f"{side}_{b}") for side in _SIDES for a, b in _ALONG_LIMBS),
     *(("torso", f"{side}_thigh") for side in _SIDES),
 )
-"""Parts that are tethered, no part to more than four others."""
+"""Parts that are tethered, no part to more than `MOST_TETHERS` others."""
 
 
 def _bends_within(sights: deque[_Sight], sight: _Sight, accel: float) -> bool:

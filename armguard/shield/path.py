@@ -32,9 +32,19 @@ except ModuleNotFoundError:
 MOST_SAMPLES = 200_000
 """Of a path; bounds the time that it takes to lay it out."""
 
+LEAST_STEP = 1e-7
+"""Between samples of a trajectory, in [s]."""
+
+LONGEST = 1e6
+"""Of a trajectory, in [s]."""
+
 SHARE = 0.5
 """How much of the guaranteed braking, and of the jerk, a timed path uses by itself: the rest is
 for changing the pace."""
+
+SPEEDING = 0.8
+"""How much of the acceleration it uses at most. Where the guaranteed braking is great, nothing else
+would leave any for a greater pace, and an arm at rest would never set off."""
 
 PLACES = 256
 """Places between two waypoints at which the fastest timing is sought."""
@@ -100,9 +110,11 @@ class Path:
             shape = f"(samples, joints), 2 to {MOST_SAMPLES:,} samples"
             raise ArmguardError("path", f"has the shape {self.q.shape}", expected=shape)
         if self.times is not None and not (
-            self.times.shape == (count,) and (np.diff(self.times) > 0.0).all()
+            self.times.shape == (count,)
+            and (np.abs(self.times) <= LONGEST).all()
+            and (np.diff(self.times) >= LEAST_STEP).all()
         ):
-            expected = f"one for each of its {count} samples, rising"
+            expected = f"one for each of its {count} samples, rising, {LONGEST:g} s at most"
             raise ArmguardError("times of the path", "do not fit it", expected=expected)
 
 
@@ -136,7 +148,7 @@ class TimedPath:
             found = f"is of {path.q.shape[1]} joints"
             raise ArmguardError("path", found, expected=f"the robot's {joints}")
         own = limits._replace(
-            acceleration=np.minimum(limits.acceleration, SHARE * limits.braking),
+            acceleration=np.minimum(SPEEDING * limits.acceleration, SHARE * limits.braking),
             jerk=SHARE * limits.jerk,
         )
         if path.times is None:
@@ -266,6 +278,9 @@ def _find_fastest(waypoints: FloatArray, limits: MotionLimits) -> tuple[FloatArr
     # Building up the acceleration with the jerk takes so long.
     width = max(float((limits.acceleration / limits.jerk).max()), SMOOTHEST * KNOT)
     lasting = passed[-1] + width + RESTING * KNOT
+    if not lasting <= MOST_SAMPLES * KNOT:
+        longest = f"{MOST_SAMPLES * KNOT:g} s at most"
+        raise ArmguardError("path", f"takes {passed[-1]:.4g} s", expected=longest)
     times = np.linspace(0.0, lasting, math.ceil(lasting / KNOT) + 4)
     until = _integrate(passed, way, times)
     mean = (until - _integrate(passed, way, times - width)) / width

@@ -26,6 +26,7 @@ from armguard.exceptions import ArmguardError
 from armguard.jit.arrays import FloatArray
 from armguard.monitor.monitor import Monitor
 from armguard.robot.brakes import find_gentlest_stop
+from armguard.robot.wrap_angle import align_turns, find_continuous
 from armguard.shield.changes import MotionError
 from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
@@ -121,22 +122,27 @@ class Shield:
         self._now = 0.0
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
-        self._alike = error = robot.position_error + self._errors[0]
+        self._error = error = robot.position_error + self._errors[0]
         self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
+        self._continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
         empty = np.empty((0, joints))
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
-    def set_path(self, path: Path | Sequence[Path]) -> None:
+    def set_path(self, path: Path | Sequence[Path] | None) -> None:
         """Follow a path from now on, or that of several on which the most progress is provable.
 
         An arm that moves comes to rest first. A path begins where the arm rests.
 
         Args:
-            path: One, or several that begin at the same place; the first ones are preferred.
+            path: One, or several that begin at the same place; the first ones are preferred. None:
+                nothing is left to do, and the arm rests.
 
         Raises:
             ArmguardError: There is none, or one is of other joints or not from rest to rest.
         """
+        if path is None:
+            self._paths = self._task = None
+            return
         paths = [path] if isinstance(path, Path) else list(path)
         if not paths:
             raise ArmguardError("path", "is none", expected="one or several")
@@ -148,6 +154,17 @@ class Shield:
         """How far the arm has come on its path, of 1; 0 without a path."""
         paths = self._paths
         return 0.0 if paths is None else min(1.0, paths.progress / paths.duration)
+
+    def sample_path(self, count: int) -> FloatArray:
+        """Where the arm is asked to go: along what is left of the path that it is on.
+
+        Args:
+            count: How many places, >= 1.
+
+        Returns:
+            Joint positions, in [rad] or [m]. Shape (count, nv); (0, nv) without a path.
+        """
+        return self._nowhere.q if self._paths is None else self._paths.sample_rest(count)
 
     def reset(self) -> None:
         """Forget the motion that the arm was on, and reset the monitor; the arm must rest."""
@@ -237,7 +254,12 @@ class Shield:
         monitor, robot, limits = self._monitor, self._monitor.robot, self.limits
         self._payload = monitor.payload
         brakes = robot.brakes.make_curves(self._payload)
-        braking = np.minimum(robot.acceleration_limit, find_gentlest_stop(brakes, limits.velocity))
+        # A joint whose brakes are stated by stopping times may guarantee less at lower speeds.
+        guaranteed = np.minimum(
+            find_gentlest_stop(brakes, limits.velocity),
+            find_gentlest_stop(brakes, np.zeros_like(limits.velocity)),
+        )
+        braking = np.minimum(robot.acceleration_limit, guaranteed)
         self.limits = limits = limits._replace(braking=braking)
         bounds = limits, robot.lower_position_limit, robot.upper_position_limit
         times = self._period, self._look_ahead
@@ -277,17 +299,16 @@ class Shield:
     ) -> _Piece | None:
         """What the arm is on; None where nothing is known of where it is.
 
-        An arm whose motion is not proved any more may brake by its own means, and one that rests
-        may be moved by somebody. Once it rests and the motion has ended, it is taken to be where it
-        was measured, unless it may be at that end. So a place to rest does not follow each
-        measured one, and the arm does not creep. Nor does it follow joint states that the monitor
-        does not believe, until a reset. No motion begins beyond position limits.
+        An arm whose motion is not proved any more may brake by its own means, one that rests may be
+        moved by somebody, and commands may be lost. So once the motion has ended and the arm rests,
+        it is taken to be where it was measured, unless it may be at that end: a place to rest does
+        not follow each measured one, and the arm does not creep. Nor does it follow joint states
+        that the monitor does not believe, until a reset. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
-            is_proved = verdict.proved_until is not None
-            self._has_left |= not is_proved and now < piece.end
-            if now < piece.samples.times[-1] or (is_proved and not self._has_left):
+            self._has_left |= verdict.proved_until is None and now < piece.end
+            if now < piece.samples.times[-1]:
                 return piece
         if any(reason.kind.effect is Effect.LATCHED for reason in verdict.reasons):
             return piece
@@ -295,11 +316,13 @@ class Shield:
         shape = self.limits.velocity.shape
         if place is None or speeds is None or not place.shape == speeds.shape == shape:
             return piece
+        if piece is not None:
+            place = align_turns(place, piece.samples.q[-1], self._continuous)
         is_within = (place >= self._within[0]).all() and (place <= self._within[1]).all()
         if not (is_within and (np.abs(speeds) <= self._at_rest).all()):
             return piece
         self._has_left = False
-        if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._alike).all():
+        if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._error).all():
             return piece
         rest = Rest(place, now)
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
@@ -310,9 +333,10 @@ class Shield:
         What is cubic between samples differs a little from motions along paths. There are samples
         where the next step cuts this piece, so that it goes on without a jump.
         """
-        last = piece.find_motion(now)
-        motions = [(now, last), *((at, one) for at, one in piece.motions if now < at < begin)]
-        motions.append((begin, motion))
+        # A piece has to begin now, so that nothing that comes as good as now is a knot of its own.
+        soon = now + LEAST_GRAIN
+        going = [(at, one) for at, one in piece.motions if soon < at < begin]
+        motions = [(now, piece.find_motion(soon)), *going, (begin, motion)]
         parts = []
         for k, (at, one) in enumerate(motions):
             knots = one.find_knots(at)
@@ -321,14 +345,14 @@ class Shield:
             else:
                 cuts = np.array([now, begin]) + self._period
                 knots = np.union1d(knots, cuts[(cuts > at) & (cuts < one.end)])
-            knots = np.concatenate([[at], knots])
+            knots = np.concatenate([[at], knots[knots - at > LEAST_GRAIN]])
             fill = [
                 np.linspace(first, second, math.ceil((second - first) / GRAIN) + 1)[:-1]
                 for first, second in itertools.pairwise(knots)
                 if second - first > LEAST_GRAIN
             ]
             if k + 1 == len(motions):
-                fill.append(knots[-1:] if fill else np.array([at, knots[-1] + self._period]))
+                fill.append(knots[-1:] if fill else at + np.array([0.0, self._period]))
             parts.append(one.sample(np.concatenate(fill)) if fill else None)
         samples = Samples(*map(np.concatenate, zip(*(part for part in parts if part), strict=True)))
         samples.v[-1] = samples.a[-1] = 0.0

@@ -121,6 +121,10 @@ class FollowPaths:
         """Of the path that the arm is on, in [s] of its clock."""
         return self._path.duration
 
+    def sample_rest(self, count: int) -> FloatArray:
+        """Joint positions along what is left of the path, in [rad] or [m]. Shape (count, nv)."""
+        return self._path.evaluate(np.linspace(self._place, self._path.duration, count))[0]
+
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         rests = motion.end <= begin

@@ -19,6 +19,7 @@ from armguard.exceptions import StreamError
 from armguard.messages.incoming import (
     AnyMessage,
     CloudMessage,
+    GoalMessage,
     IgnoreMessage,
     JointsMessage,
     MessageError,
@@ -31,8 +32,8 @@ from armguard.messages.incoming import (
 from armguard.streams.keys import KeyPair, check_key
 
 Right = Literal["obstacles", "joints", "verdicts", "reset", "view"]
-"""What a client may do: send obstacles in its own name, send joint states, plans and requests that
-contact be wanted, read verdicts, end a latched STOP, or attach a view."""
+"""What a client may do: send obstacles in its own name; send joint states, plans, goals and wishes
+that contact be wanted; read verdicts and commands; end a latched STOP; attach a view."""
 
 RIGHTS: tuple[Right, ...] = get_args(Right)
 
@@ -189,7 +190,7 @@ class Authenticator:
         self.close()
 
 
-_OF_ARMS = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage
+_OF_ARMS = JointsMessage | PlanMessage | GoalMessage | IgnoreMessage | WatchMessage
 """Messages whose sender must speak for the arm that they name. A reset names an arm, too; who may
 send one has a right of its own."""
 

@@ -20,6 +20,7 @@ from typing import Any
 from armguard.clock import Clock
 from armguard.messages.incoming import (
     CloudMessage,
+    GoalMessage,
     Header,
     IgnoreMessage,
     JointsMessage,
@@ -36,6 +37,7 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.streams.authentication import Authenticator, check_sender
 from armguard.streams.cloud_intake import CloudIntake, OwnPoints
 from armguard.streams.faults import FaultLog
+from armguard.streams.goal_intake import GoalReader
 from armguard.streams.inputs import BYTE_LIMIT, Input, InputWatch, SocketInput
 from armguard.streams.intake import ArmMessage, Intake
 from armguard.streams.joint_intake import JointIntake
@@ -92,8 +94,8 @@ class EdgeSettings:
     """How long a drain may last, in [s], in equal parts for its inputs. One message of each is
     taken whatever it takes, and the one at which the time ends is finished."""
     arm: str = ""
-    """Name of the watched arm, where a cell has several: then joint states, plans, requests that
-    contact be wanted and their ends, and resets have to say whose they are."""
+    """Name of the watched arm, where a cell has several: then joint states, plans, goals, requests
+    that contact be wanted and their ends, and resets have to say whose they are."""
     others: Mapping[str, OtherArm] = dataclasses.field(default_factory=dict)
     """By name, the other arms of the cell."""
     monotonic: Callable[[], float] = time.monotonic
@@ -141,6 +143,7 @@ class Edge:
         stamped, keeps_past = cell.joint_clock, cell.own_points is not None
         self.joints = JointIntake(intake, joints, stamped, cell.joint_timeout, keeps_past)
         self._plans = PlanReader(intake, stamped)
+        self._goals = GoalReader(intake, stamped)
         self._others = {
             name: OtherArmIntake(intake, name, arm, stamped, self._plans)
             for name, arm in cell.others.items()
@@ -157,6 +160,7 @@ class Edge:
         self._handlers: dict[type, Callable[[Any], None]] = {
             JointsMessage: self._take_joints if self._others else self.joints.take,
             PlanMessage: self._take_plan,
+            GoalMessage: self._of_this_arm(self._take_goal),
             IgnoreMessage: self._of_this_arm(tokens.take_exemption),
             WatchMessage: self._of_this_arm(tokens.take_end),
             ResetMessage: self._of_this_arm(tokens.take_reset),
@@ -329,6 +333,9 @@ class Edge:
             self.joints.take(message)
         else:
             other.take_joints(message)
+
+    def _take_goal(self, message: GoalMessage) -> None:
+        self.requests.goals.append(self._goals.read(message, self.joints.order))
 
     def _take_plan(self, message: PlanMessage) -> None:
         """Note what is asked about a plan, or hand on what another arm promises."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from armguard.exceptions import ArmguardError
 from armguard.messages.incoming import (
+    GoalMessage,
     IgnoreMessage,
     JointsMessage,
     MessageError,
@@ -20,7 +21,7 @@ from armguard.obstacles.obstacles import ObstacleCountError, Obstacles
 from armguard.streams.faults import FaultLog
 from armguard.streams.stamp_clocks import HELD_UP, StampTimes
 
-ArmMessage = JointsMessage | PlanMessage | IgnoreMessage | WatchMessage | ResetMessage
+ArmMessage = JointsMessage | PlanMessage | GoalMessage | IgnoreMessage | WatchMessage | ResetMessage
 """Messages that say which arm they are about, where there are several."""
 
 

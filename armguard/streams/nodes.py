@@ -21,13 +21,17 @@ from numpy.typing import ArrayLike
 from armguard.exceptions import StreamError
 from armguard.messages.answers import (
     decode_answer,
+    encode_command,
     encode_plan_verdict,
     encode_reset_verdict,
     encode_verdict,
 )
+from armguard.messages.command import CommandMessage
 from armguard.messages.incoming import (
     AnyMessage,
     CloudMessage,
+    GoalMessage,
+    GoalPath,
     IgnoreMessage,
     JointsMessage,
     MessageError,
@@ -100,7 +104,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         self._joints_sequence = 0
         # All readers see all answers: no number is another publisher's, or that of an earlier life.
         self._plans = time.monotonic_ns()
-        self._exemptions = self._resets = self._plans
+        self._exemptions = self._resets = self._goals = self._plans
         self._connected = False
         # XPUB publishes as PUB does, and tells when a monitor begins to listen.
         self._socket = _connect(address, zmq.XPUB, keys)
@@ -389,6 +393,61 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         )
         return self._plans
 
+    def goal(
+        self,
+        until: float,
+        names: Sequence[str],
+        *,
+        paths: Sequence[tuple[ArrayLike, ArrayLike | None]] | None = None,
+        velocity: ArrayLike | None = None,
+        chunk: ArrayLike | None = None,
+        arm: str = "",
+    ) -> int:
+        """Tell a shield what to do from now on: exactly one of paths, a velocity and a chunk.
+
+        Commands carry the number of the newest goal that was taken, and of the newest one that was
+        refused: `VerdictReader.command`.
+
+        Args:
+            until: A goal that comes later is refused, and a velocity ends then; in [s] on the clock
+                of the joint states.
+            names: Of the joints, in any order. Length n.
+            paths: Positions, in [rad] or [m], shape (k, n), and their times, in [s], shape (k,),
+                or None for the fastest; several are offered for the shield to choose.
+            velocity: To be kept, in [rad/s] or [m/s]. Shape (n,).
+            chunk: The next positions of a policy, in [rad] or [m]. Shape (k, n).
+            arm: Whose goal it is, in a cell with several arms; empty where there is one.
+
+        Returns:
+            The goal's number.
+
+        Raises:
+            StreamError: If shapes do not fit the number of names.
+        """
+        count = len(names)
+        offered = None
+        if paths is not None:
+            offered = [
+                GoalPath(
+                    _pack("q of a path", q, (len(np.asarray(q)), count)),
+                    None if times is None else _pack("times", times, (len(np.asarray(q)),)),
+                )
+                for q, times in paths
+            ]
+        self._goals += 1
+        self._send(
+            GoalMessage(
+                self._goals,
+                float(until),
+                list(names),
+                offered,
+                None if velocity is None else _pack("velocity", velocity, (count,)),
+                None if chunk is None else _pack("chunk", chunk, (len(np.asarray(chunk)), count)),
+                arm,
+            )
+        )
+        return self._goals
+
     def ignore(
         self,
         token: str,
@@ -538,6 +597,10 @@ class VerdictPublisher:
         data = encode_verdict(verdict, self._offset, as_json=self._as_json)
         self._socket.send(data, _NOBLOCK)
 
+    def command(self, command: CommandMessage) -> None:
+        """Send one command, in the monitor's own time; never blocks."""
+        self._socket.send(encode_command(command, self._offset, as_json=self._as_json), _NOBLOCK)
+
     def answer(self, number: int, verdict: PlanVerdict | ResetVerdict) -> None:
         """Send the answer to a plan or a reset, by its number; never blocks."""
         if isinstance(verdict, ResetVerdict):
@@ -563,6 +626,11 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
         address: The monitor's verdicts.
         keys: Of this client, where the monitor asks for keys.
 
+    Attributes:
+        command: The newest command of a shield received so far; None before the first. A controller
+            takes it up where it joins the motion that the arm follows (`CommandMessage.joins`), and
+            else goes on along that one, to its end.
+
     Raises:
         StreamError: The address cannot be used; beyond this machine it can be with keys only.
     """
@@ -570,6 +638,7 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
     def __init__(self, address: str, keys: Keys | None = None) -> None:
         self.address = address
         self.refused = 0
+        self.command: CommandMessage | None = None
         self._last: Verdict | None = None
         self._answers: deque[tuple[int, PlanVerdict | ResetVerdict]] = deque(maxlen=_ANSWERS)
         self._socket = _connect(address, zmq.SUB, keys)
@@ -647,6 +716,8 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
             return True
         if isinstance(received, Verdict):
             self._last = received
+        elif isinstance(received, CommandMessage):
+            self.command = received
         else:
             self._answers.append(received)
         return True

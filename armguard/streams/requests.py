@@ -1,4 +1,4 @@
-"""What messages ask of the monitor, for the loop to answer: plans, wanted contact, resets."""
+"""What messages ask, for the loop to answer: plans, goals, wanted contact, resets."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from armguard.messages.incoming import (
     to_rows,
     to_values,
 )
+from armguard.streams.goal_intake import GoalRequest
 from armguard.streams.intake import Intake
 from armguard.streams.joint_intake import JointOrder
 from armguard.streams.stamp_clocks import HELD_UP, StampClock
@@ -72,6 +73,8 @@ class Requests:
 
     plans: list[PlanRequest] = dataclasses.field(default_factory=list)
     """Plans, oldest first."""
+    goals: list[GoalRequest] = dataclasses.field(default_factory=list)
+    """What a shield was asked to do, oldest first."""
     exemptions: list[ExemptionRequest] = dataclasses.field(default_factory=list)
     """What was asked about contact that is wanted, oldest first."""
     reset_verdicts: list[tuple[int, ResetVerdict]] = dataclasses.field(default_factory=list)
@@ -81,8 +84,8 @@ class Requests:
 
     def begin_drain(self) -> None:
         """Forget what was asked in the drain before; a reset that was not obeyed stays."""
-        if self.plans or self.exemptions or self.reset_verdicts:
-            self.plans, self.exemptions, self.reset_verdicts = [], [], []
+        if self.plans or self.goals or self.exemptions or self.reset_verdicts:
+            self.plans, self.goals, self.exemptions, self.reset_verdicts = [], [], [], []
 
 
 class PlanReader:

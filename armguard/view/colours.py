@@ -54,6 +54,8 @@ STILL_SHARE = 0.6
 
 FIRST_LEVEL = BUCKET_COUNT
 """Number of the colour of STOP; those of the other levels follow."""
+PROVED = FIRST_LEVEL + LEVELS.index("CLEAR")
+"""Of a motion on which nothing can touch the arm."""
 REFUSED, UNWATCHED, INK, PALE, AXIS_X, AXIS_Y, AXIS_Z = range(
     FIRST_LEVEL + len(LEVELS), FIRST_LEVEL + len(LEVELS) + 7
 )

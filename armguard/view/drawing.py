@@ -179,6 +179,8 @@ def draw_surface(
     paints: Paints,
     opacity: float,
     labels: Labels = NO_LABELS,
+    *,
+    is_on_top: bool = False,
 ) -> Command:
     """Triangles that may change, in one object.
 
@@ -189,10 +191,12 @@ def draw_surface(
         paints: Colours of the bodies.
         opacity: 0 to 1.
         labels: What a pointer is told of each body.
+        is_on_top: Whether it is seen through what lies before it.
     """
     content = {
         "positions": pack_floats(triangles),
         "opacity": opacity,
+        "top": is_on_top,
         "names": list(labels.names),
         "times": pack_floats(labels.times),
         "owners": list(owners),

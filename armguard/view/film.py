@@ -50,6 +50,8 @@ class Moment(NamedTuple):
     """The least since the moment before."""
     harm_time: float | None
     """As the contact time, of contact that no limit permits; None: no limits are stated."""
+    pace: float | None
+    """Of the shield that moves the arm, the least since the moment before; None: there is none."""
     payload: bytes
     """The frame, as it came."""
 
@@ -118,6 +120,7 @@ class Film:
             verdict.stop_time,
             verdict.speed_scale,
             verdict.harm_time,
+            None if frame.command is None else frame.command.scale,
             payload,
         )
         before = self._open
@@ -216,11 +219,13 @@ def _merge(before: Moment, after: Moment) -> Moment:
     """The later moment, with the worst of both."""
     worst = before if _rank(before.level) < _rank(after.level) else after
     harm_times = [one.harm_time for one in (before, after) if one.harm_time is not None]
+    paces = [one.pace for one in (before, after) if one.pace is not None]
     return after._replace(
         level=worst.level,
         contact_time=min(before.contact_time, after.contact_time),
         speed_scale=min(before.speed_scale, after.speed_scale),
         harm_time=min(harm_times) if harm_times else None,
+        pace=min(paces) if paces else None,
     )
 
 

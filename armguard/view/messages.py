@@ -189,6 +189,22 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
     proved_until: float | None = None
 
 
+class CommandSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """What a shield commands.
+
+    Attributes:
+        scale: How fast the arm goes, of what was asked for, 0 to 1.
+        reason: Why it is slower, in plain words; empty: it is not.
+        progress: How far the arm has come on its path, 0 to 1.
+        is_proved: Whether the motion is proved to its rest; else the arm is to brake.
+    """
+
+    scale: float
+    reason: str
+    progress: float
+    is_proved: bool
+
+
 class Load(msgspec.Struct, frozen=True, kw_only=True):
     """How hard the monitor works.
 
@@ -423,6 +439,8 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
         obeyed_resets: How many resets were obeyed so far.
         reach: Where the most imminent obstacle can be when the arm has come to rest.
         plan: Where the arm is going as it was told: joint positions, float32, in rows of q.
+        path: Where it is asked to go beyond that, alike.
+        command: Of the shield that moves the arm; None: it is only watched.
         explanation: Why the verdict is as it is, in lines; empty where nothing was asked.
     """
 
@@ -444,6 +462,8 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
     obeyed_resets: int = 0
     reach: Balls = Balls()
     plan: bytes = b""
+    path: bytes = b""
+    command: CommandSummary | None = None
     explanation: tuple[str, ...] = ()
 
 
@@ -516,6 +536,7 @@ def _check_sizes(message: Message) -> list[tuple[str, bool]]:
         ("v", len(message.v) in (0, len(message.q))),
         ("sphere_times", len(message.sphere_times) % 4 == 0),
         ("plan", len(message.plan) % width == 0),
+        ("path", len(message.path) % width == 0),
         ("reach", len(message.reach.packed) % 16 == 0),
         ("obstacles.counts", len(obstacles.packed_counts) == number),
         ("obstacles.counts", bool(np.all(obstacles.counts > 0))),

@@ -94,4 +94,5 @@ def describe_moment(moment: Moment) -> tuple[Any, ...]:
         moment.stop_time,
         moment.speed_scale,
         moment.harm_time,
+        moment.pace,
     )

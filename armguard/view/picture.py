@@ -28,6 +28,7 @@ from armguard.view.colours import (
     INK,
     LEVELS,
     PALE,
+    PROVED,
     REFUSED,
     STILL,
     THEMES,
@@ -41,6 +42,7 @@ from armguard.view.colours import (
 from armguard.view.drawing import Command, Labels, Look
 from armguard.view.figure import draw_legs
 from armguard.view.messages import FrameMessage, ObstacleShapes, Pairs, SceneMessage
+from armguard.view.ribbon import lay_ribbon
 from armguard.view.segments import connect
 from armguard.view.stopping import StoppingVolume
 
@@ -56,6 +58,10 @@ FIRST_RADIUS, NEAR_RADIUS = 0.006, 0.0025
 NEAR_PAIRS = 10
 """Pairs whose lines are rods; the others' are faint."""
 FAINT = 0.22
+GHOST_OPACITY = 0.25
+RIBBON_OPACITY = 0.9
+RIBBON = 0.06
+"""Width of the way that the arm was told to go, in [m]."""
 SOME, MANY = 40, 200
 """Obstacles beyond which each is drawn solid and with fewer triangles, and with the fewest."""
 OUTSIDE = 0.002
@@ -241,19 +247,31 @@ class Picture:
         return cover
 
     def _draw_plan(self, arm: Arm, message: FrameMessage) -> Iterator[Command]:
-        """The way that the arm was told to go, and the arm at its end."""
-        rows = np.frombuffer(message.plan, "<f4").reshape(-1, max(len(message.q), 1))
-        end, path = _NO_BALLS, np.zeros((0, 2, 3))
-        if len(rows) and np.isfinite(rows).all():
-            tips = []
-            for row in rows:
-                arm.place(tuple(row.tolist()))
-                end = arm.compute_cover()
-                tips.append(end[-1, :3])
-            path = np.stack([tips[:-1], tips[1:]], axis=1)
-            arm.place(message.q)
-        yield drawing.draw_balls(f"{ROOT}/plan/ghost", end, Paints.of(INK, len(end)), Look(0.12))
-        yield drawing.draw_lines(f"{ROOT}/plan/path", path, Paints.of(INK, len(path)), 0.8)
+        """The way that the arm goes as it was told, the arm at its end, and where it is to go."""
+        tips, end = _follow(arm, message.plan, len(message.q))
+        ribbon = lay_ribbon(tips, RIBBON)
+        ahead, _ = _follow(arm, message.path, len(message.q))
+        arm.place(message.q)
+        paints = Paints.of(PROVED, len(end))
+        yield drawing.draw_balls(f"{ROOT}/plan/ghost", end, paints, Look(GHOST_OPACITY))
+        paints = Paints.of(PROVED, len(ribbon))
+        # The arm would hide most of it.
+        yield drawing.draw_surface(
+            f"{ROOT}/plan/ribbon",
+            ribbon,
+            [1] * len(ribbon),
+            paints,
+            RIBBON_OPACITY,
+            is_on_top=True,
+        )
+        path = np.stack([ahead[:-1], ahead[1:]], axis=1)
+        yield drawing.draw_rods(
+            f"{ROOT}/plan/path",
+            path,
+            np.full(len(path), NEAR_RADIUS),
+            Paints.of(INK, len(path)),
+            Look(),
+        )
 
     def _find_volume(self, message: FrameMessage, notes: list[str]) -> Array:
         try:
@@ -453,6 +471,7 @@ class Picture:
             "explanation": message.explanation,
             "asking": self._tell_how_to_ask(message),
             "has_plan": bool(message.plan),
+            "command": message.command,
             "notes": notes,
         }
         return drawing.show("banner", content)
@@ -471,6 +490,25 @@ class Picture:
         file = shlex.quote(scene.recording) if scene.recording else "FILE"
         # Rounded down: the first tick from there on is the one that said STOP.
         return f"armguard replay {file} --explain {math.floor(1e3 * verdict.since) / 1e3:.3f}"
+
+
+def _follow(arm: Arm, packed: bytes, joints: int) -> tuple[Array, Array]:
+    """Where the end of the arm gets to, shape (n, 3), and the cover at the last place; in [m].
+
+    Args:
+        arm: Is placed anew.
+        packed: Joint positions, float32, in rows.
+        joints: How many there are in a row.
+    """
+    rows = np.frombuffer(packed, "<f4").reshape(-1, max(joints, 1))
+    if not (len(rows) and np.isfinite(rows).all()):
+        return np.zeros((0, 3)), _NO_BALLS
+    tips = []
+    for row in rows:
+        arm.place(tuple(row.tolist()))
+        cover = arm.compute_cover()
+        tips.append(cover[-1, :3])
+    return np.array(tips), cover
 
 
 def _count_segments(count: int) -> int:

@@ -27,6 +27,8 @@ PIECES = "pieces with their own stop"
 LEFT = ", leave=any"
 NO_LOAD = ", no load"
 AS_THEY_COME = ", data as they come"
+TETHERED = AS_THEY_COME + ", tethered"
+MEASURED = TETHERED + ", lengths measured"
 FORGETFUL = AS_THEY_COME + ", hidden bodies left out"
 WITH_ERRORS = ", errors included"
 WITH_LIMITS = ", contact limits"
@@ -46,6 +48,10 @@ DESCRIPTIONS = {
     " no reaction time enters; an arm that is refused one stops at the end of the one before",
     PIECES + LEFT: 'the same with `leave="any"`: joints may leave a piece at any moment',
     PIECES + NO_LOAD: "the same with `payload=0`: brakes as they are without load",
+    OPERATING + TETHERED: "limbs of the person are tied to each other (`tether`), by published"
+    " means plus four standard deviations, longer than anybody's here. Elbows and shoulders are"
+    " sent as balls, too, within the limbs that meet there",
+    OPERATING + MEASURED: "the same with lengths of this person: the longest of all clean samples",
 }
 """What is particular about monitors with settings."""
 
@@ -54,16 +60,23 @@ ORDER = (
     ORACLE, ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, SEPARATION, SEPARATION + NO_LOAD,
     ISOTROPIC, JOINT, BRAKING, OPERATING, OPERATING + NO_LOAD, PIECES, PIECES + LEFT,
     PIECES + NO_LOAD, OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS, SEPARATION + FORGETFUL,
-    SEPARATION + AS_THEY_COME, OPERATING + AS_THEY_COME, PIECES + AS_THEY_COME,
+    SEPARATION + AS_THEY_COME, OPERATING + AS_THEY_COME, OPERATING + TETHERED,
+    OPERATING + MEASURED, PIECES + AS_THEY_COME, PIECES + TETHERED,
 )  # fmt: skip
 """All rules, as tables have them."""
 
 MAIN = (SEPARATION, OPERATING, PIECES)
-"""What is compared in every setting beside clean data, and beside data as they come."""
+"""What is compared in every setting beside clean data."""
+
+MAIN_RAW = (
+    SEPARATION + AS_THEY_COME, OPERATING + AS_THEY_COME, OPERATING + TETHERED,
+    PIECES + AS_THEY_COME, PIECES + TETHERED,
+)  # fmt: skip
+"""What is compared in every setting beside data as they come."""
 
 NOT_OBEYED = (
     ORACLE + NO_LOAD, LEAST, LEAST + WITH_ERRORS, SEPARATION + NO_LOAD, ISOTROPIC, JOINT,
-    OPERATING + NO_LOAD, PIECES + NO_LOAD,
+    OPERATING + NO_LOAD, OPERATING + MEASURED, PIECES + NO_LOAD,
 )  # fmt: skip
 """Rules that are judged only: there is another one of the kind to obey."""
 
@@ -122,6 +135,7 @@ TARGETS = (
     Target(OPERATING, SEPARATION, 1.6, (0.1,), LEAST),
     Target(PIECES, SEPARATION, 0.95, (0.02, 0.05, 0.1)),
     Target(OPERATING + AS_THEY_COME, SEPARATION + AS_THEY_COME, 1.15, (0.02,)),
+    Target(OPERATING + TETHERED, SEPARATION + AS_THEY_COME, 1.15, (0.02,)),
 )
 
 LIMIT_TARGETS = (
@@ -151,14 +165,15 @@ def make_rules(
     Args:
         robot: The arm.
         speed_fraction: What its trajectories use of the velocity limits at most.
-        scope: Of the comparison: `MAIN` takes part in each setting, and beside data as they come in
-            those with the first reaction; all others take part in the usual ones.
+        scope: Of the comparison: `MAIN` takes part in each setting, rules beside data as they come
+            in those with the first reaction; all others take part in the usual ones.
         setting: What the rules have to live with.
         period: Of ticks, in [s].
     """
     given = robot, setting, period
     operating = make_operating(robot, speed_fraction)
     known = {"motion": "planned", "operating": operating}
+    raw = {"clean": False}
     rules: list[Rule] = [
         Separation(*given, SEPARATION),
         MonitorRule(*given, OPERATING, operating=operating),
@@ -168,8 +183,11 @@ def make_rules(
         rules += [
             ForgetfulSeparation(*given, SEPARATION + FORGETFUL, clean=False),
             Separation(*given, SEPARATION + AS_THEY_COME, clean=False),
-            MonitorRule(*given, OPERATING + AS_THEY_COME, clean=False, operating=operating),
-            PieceRule(*given, PIECES + AS_THEY_COME, clean=False, **known),
+            MonitorRule(*given, OPERATING + AS_THEY_COME, **raw, operating=operating),
+            MonitorRule(*given, OPERATING + TETHERED, **raw, tied="anybody", operating=operating),
+            MonitorRule(*given, OPERATING + MEASURED, **raw, tied="measured", operating=operating),
+            PieceRule(*given, PIECES + AS_THEY_COME, **raw, **known),
+            PieceRule(*given, PIECES + TETHERED, **raw, tied="anybody", **known),
         ]
     if setting.camera == scope.cameras[0]:
         rules.append(LeastRule(*given, LEAST))

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from scene.contestants import AS_THEY_COME, FORGETFUL, MAIN, OPERATING, SEPARATION, Scope
+from scene.contestants import (
+    AS_THEY_COME,
+    FORGETFUL,
+    OPERATING,
+    SEPARATION,
+    TETHERED,
+    Scope,
+)
 from scene.results import Results, make_table, milliseconds, multiple, percent
 from scene.stop_rules import Setting
 
@@ -15,6 +22,7 @@ def write_numbers(results: Results, scope: Scope) -> list[str]:
     text = f"Operating limits stated, bounds on people {setting.bounds}, samples"
     text += f" {milliseconds(setting.camera)} old and as they come,"
     text += f" {milliseconds(setting.reaction)} of reaction; all speeds and places together:"
+    tied = OPERATING + TETHERED
     missed = _find_missed(results, mine, setting)
     needed = results.total("needed", None, mine, setting)
     return [
@@ -24,24 +32,27 @@ def write_numbers(results: Results, scope: Scope) -> list[str]:
         f" {percent(rivals)}. That is {multiple(results.ratio(None, mine, rival, setting))} times.",
         f"- **{percent(lost)} of its work lost** by an arm that obeys; by the {SEPARATION}"
         f" {percent(by_rival)}.",
+        f"- Where the person's limbs are tied to each other, by published lengths:"
+        f" **{percent(results.share(None, tied, setting))} of the time in STOP**, which is"
+        f" {multiple(results.ratio(None, tied, rival, setting))} times, and"
+        f" {percent(results.lost(None, tied, setting, 'obeys'))} of its work lost.",
         f"- **{missed[0]} of {needed} needed STOPs missed**, and {missed[1]} with a hidden body,"
-        f" {missed[2]} with one that had broken its bounds. The {SEPARATION} missed"
+        f" {missed[2]} with one that had broken its bounds; with limbs tied"
+        f" {_count(results, tied, setting)}. The {SEPARATION} missed"
         f" {_count(results, rival, setting)}, and where it leaves hidden bodies out"
         f" {_count(results, SEPARATION + FORGETFUL, setting)}.",
         "",
     ]
 
 
-def write_costs(results: Results, scope: Scope, suffix: str = "") -> list[str]:
-    """Time in STOP and work lost by speed, bounds and age, of the main rules; all places together.
+def write_costs(results: Results, scope: Scope, rules: tuple[str, ...]) -> list[str]:
+    """Time in STOP and work lost by speed, bounds and age, of some rules; all places together.
 
     Args:
         results: What was found.
         scope: Settings that were compared.
-        suffix: Of the rules' names: of clean data or of data as they come.
+        rules: All beside clean data, or all beside data as they come; the first is the rival.
     """
-    rules = [rule + suffix for rule in MAIN]
-    rival = SEPARATION + suffix
     rows = []
     for speed in results.speeds:
         for setting in scope.settings():
@@ -53,12 +64,13 @@ def write_costs(results: Results, scope: Scope, suffix: str = "") -> list[str]:
             row = [f"{speed:g} rad/s", setting.bounds, percent(1.0 - clean / raw)]
             row.append(milliseconds(setting.camera))
             for rule in rules:
-                ratio = results.ratio(speed, rule, rival, setting)
+                ratio = results.ratio(speed, rule, rules[0], setting)
                 row.append(f"{percent(results.share(speed, rule, setting))} ({multiple(ratio)})")
             row += [percent(results.lost(speed, rule, setting, "obeys")) for rule in rules]
             rows.append(row)
+    names = [rule.replace(AS_THEY_COME, "") for rule in rules]
     heads = ["speed", "bounds on people", "broken", "age of samples"]
-    heads += [f"in STOP: {MAIN[0]}", *MAIN[1:], f"work lost: {MAIN[0]}", *MAIN[1:]]
+    heads += [f"in STOP: {names[0]}", *names[1:], f"work lost: {names[0]}", *names[1:]]
     return [*make_table(heads, rows), ""]
 
 

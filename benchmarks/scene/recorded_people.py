@@ -26,6 +26,7 @@ from armguard.obstacles.consistency import body_allows
 from armguard.obstacles.record import Record
 from armguard.obstacles.table import States, make_states
 from armguard.people import BOUNDS, find_bounds, measure_motion
+from scene.tied_people import JOINTS, measure_bones
 
 MEMORY = 1.0
 """How far back, in [s], a clean sample agrees with all others."""
@@ -41,6 +42,11 @@ against."""
 RADII = np.array([body.radius for body in BODIES])
 ENDS = np.array([[POINTS.index(body.points[k]) for k in (0, -1)] for body in BODIES])
 """Places of each body's two ends among the tracked points. Shape (9, 2)."""
+_SENT = (*BODIES, *JOINTS)
+_SENT_IDS = tuple(f"person/{body.name}" for body in _SENT)
+_SENT_RADII = np.array([body.radius for body in _SENT])
+_SENT_ENDS = np.array([[POINTS.index(body.points[k]) for k in (0, -1)] for body in _SENT])
+"""The same of all that can be sent, joints included. Shape (13, 2)."""
 
 _PART_OF_POINT = {"head": "head", "collar": "trunk", "hip": "trunk"} | {
     f"{side}_{joint}": joint
@@ -62,24 +68,30 @@ class Message(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What one set of bounds makes of a recording."""
+    """What one set of bounds makes of a recording: of nine bodies, and after them four joints."""
 
     accel: np.ndarray
-    """In [m]/[s]². Shape (9,)."""
+    """In [m]/[s]². Shape (13,)."""
     speed: np.ndarray
-    """In [m]/[s]. Shape (9,)."""
+    """In [m]/[s]. Shape (13,)."""
     velocity: np.ndarray
     """Of points, from past samples, in [m]/[s]. Shape (frames, 9, 3)."""
     error: np.ndarray
-    """Of bodies' velocities, in [m]/[s]. Shape (frames, 9)."""
+    """Of bodies' velocities, in [m]/[s]. Shape (frames, 13)."""
     shown: np.ndarray
-    """Which bodies were seen. Shape (frames, 9)."""
+    """Which bodies were seen. Shape (frames, 13)."""
     agrees: np.ndarray
-    """Whether those samples agree with the bounds. Shape (frames, 9)."""
+    """Whether those samples agree with the bounds. Shape (frames, 13)."""
 
 
 class Stream:
     """One recorded person under one claim about how people move.
+
+    Args:
+        recording: Of the person.
+        claim: What bounds make of it.
+        clean: Whether samples that break the bounds are left out.
+        joints: Whether joints are sent, to which limbs can be tied.
 
     Attributes:
         sent: Index of the last frame that was sent of each body, up to each frame; -1 before the
@@ -88,28 +100,31 @@ class Stream:
         messages: By frame.
     """
 
-    def __init__(self, recording: Recording, claim: Claim, clean: bool) -> None:
+    def __init__(
+        self, recording: Recording, claim: Claim, clean: bool, joints: bool = False
+    ) -> None:
         self._rate = recording.rate
         points, shown = recording.position, claim.shown
         sends = shown & claim.agrees if clean else shown
         frames = np.arange(len(points))[:, None]
-        self.sent = np.maximum.accumulate(np.where(sends, frames, -1), axis=0)
-        breaks = np.where(shown & ~claim.agrees, frames, -(10**9))
+        count = len(BODIES)
+        self.sent = np.maximum.accumulate(np.where(sends, frames, -1), axis=0)[:, :count]
+        breaks = np.where(shown & ~claim.agrees, frames, -(10**9))[:, :count]
         self.broke = frames - np.maximum.accumulate(breaks, axis=0) <= DOUBT * self._rate
         self.messages = []
         for frame in range(len(points)):
             calls = []
             for corners in (1, 2):
                 rows = [
-                    row for row, body in enumerate(BODIES)
+                    row for row, body in enumerate(_SENT if joints else BODIES)
                     if len(body.points) == corners and sends[frame, row]
                 ]  # fmt: skip
                 if rows:
-                    places = ENDS[rows][:, :corners]
+                    places = _SENT_ENDS[rows][:, :corners]
                     calls.append(
                         Message(
-                            [IDS[row] for row in rows], points[frame, places],
-                            claim.velocity[frame, places], RADII[rows], claim.accel[rows],
+                            [_SENT_IDS[row] for row in rows], points[frame, places],
+                            claim.velocity[frame, places], _SENT_RADII[rows], claim.accel[rows],
                             claim.speed[rows], claim.error[frame, rows],
                         )
                     )  # fmt: skip
@@ -147,6 +162,8 @@ class People:
         is_filled: Whether an end of a body was filled in. Shape (frames, 9).
         pace: What no body is faster than in the second after a frame, in [m]/[s]. Shape (frames,).
         streams: By name of the bounds and whether it is clean.
+        jointed: Of data as they come, with joints; by name of the bounds.
+        bones: How far apart this person's points are at the most, as `tied_people.BONES`, in [m].
     """
 
     def __init__(
@@ -175,9 +192,11 @@ class People:
         padded = np.concatenate([steps, np.zeros(second + 1)])
         windows = np.lib.stride_tricks.sliding_window_view(padded, second)
         self.pace = windows.max(axis=1)[: len(points)]
-        self.streams = {}
+        self.bones = measure_bones(points, motion.is_clean, MARKER_ERROR)
+        self.streams, self.jointed = {}, {}
         for name, pair in bounds.items():
             claim = make_claim(recording, pair)
+            self.jointed[name] = Stream(recording, claim, False, joints=True)
             for clean in (False, True):
                 self.streams[name, clean] = Stream(recording, claim, clean)
 
@@ -213,6 +232,7 @@ def make_claim(recording: Recording, bounds: tuple[float, float] | None) -> Clai
         of_points = [BOUNDS[_PART_OF_POINT[point]][:2] for point in POINTS]
     else:
         pairs, of_points = [bounds] * len(NAMES), [bounds] * len(POINTS)
+    pairs += [of_points[POINTS.index(joint.points[0])] for joint in JOINTS]
     accel, speed = np.array(pairs).T.copy()
     points, rate = recording.position, recording.rate
     velocity, errors = np.empty(points.shape), np.empty(points.shape[:2])
@@ -220,10 +240,10 @@ def make_claim(recording: Recording, bounds: tuple[float, float] | None) -> Clai
         velocity[:, k : k + 1], errors[:, k : k + 1] = estimate_velocities(
             points[:, k : k + 1], rate, *limits, MARKER_ERROR
         )
-    shown = np.isfinite(points[:, ENDS]).all(axis=(2, 3))
-    error = errors[:, ENDS].max(axis=2)
+    shown = np.isfinite(points[:, _SENT_ENDS]).all(axis=(2, 3))
+    error = errors[:, _SENT_ENDS].max(axis=2)
     agrees = []
-    for row, ends in enumerate(ENDS):
+    for row, ends in enumerate(_SENT_ENDS):
         states = _lay_states(points[:, ends], velocity[:, ends], error[:, row], rate)
         agrees.append(
             find_agreeing(

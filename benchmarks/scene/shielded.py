@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,8 +18,9 @@ from armguard.settings.contact_limits import ContactLimits
 from armguard.shield import Command, MotionLimits, Path, Shield
 from scene.clearance import Leaves
 from scene.example_limits import PATTERNS_OF_REGIONS
-from scene.recorded_people import RADII, People
+from scene.recorded_people import NAMES, RADII, People, Stream
 from scene.stop_rules import (
+    LATENCY,
     TRACKING_ERROR,
     VELOCITY_TRACKING_ERROR,
     Setting,
@@ -33,13 +35,41 @@ SAMPLE = 0.02
 """Of the trajectory that the shield is told, in [s]."""
 
 CLOSE_STEPS = 10
-"""In which the arm is followed from step to step."""
+"""In which an arm that follows exactly is looked at from step to step."""
 
 SHORTEST = 1e-4
 """Between samples of which a jerk is taken, in [s]: of closer ones it is rounding."""
 
+SLOWEST = 1e-9
+"""Of joints that move, in [rad]/[s]: what is slower is rounding."""
+
 REVERSAL = 0.05
 """Of the fastest joint's speed limit: smaller changes of speed are none."""
+
+
+class Following(NamedTuple):
+    """How well an arm follows commands, as it is stated to a monitor."""
+
+    latency: float
+    """After which it follows one, at most, in [s]."""
+    position: np.ndarray | float
+    """How far joints are off it at most, in [rad]; one number, or shape (nv,)."""
+    velocity: np.ndarray | float
+    """Alike, in [rad]/[s]."""
+
+
+EXACTLY = Following(LATENCY, TRACKING_ERROR, VELOCITY_TRACKING_ERROR)
+"""What is stated of an arm that follows commands exactly."""
+
+
+class Contact(NamedTuple):
+    """A moving arm that touches a body."""
+
+    body: str
+    since: float
+    """When it does so first, since the beginning of the recording, in [s]."""
+    broken: str
+    """Which premise was broken then or shortly before; empty: none."""
 
 
 class Shielded(NamedTuple):
@@ -62,13 +92,96 @@ class Shielded(NamedTuple):
     """How often it went over from speeding up to slowing down."""
     jerk: float
     """Greatest, as a share of its limit."""
-    missed: int
-    """Contacts while it moved."""
-    beyond: int
-    """Such contacts with a body that broke its bounds shortly before."""
+    contacts: tuple[Contact, ...]
+    """While it moved."""
     prices: np.ndarray
     """Of steps, in [s]. Shape (ticks,)."""
     touches: tuple[Touch, ...]
+    """Of an arm with contact limits."""
+
+    @property
+    def missed(self) -> int:
+        """How many contacts there were while all premises held."""
+        return sum(not contact.broken for contact in self.contacts)
+
+    @property
+    def beyond(self) -> int:
+        """How many other contacts there were."""
+        return len(self.contacts) - self.missed
+
+
+class Follower(Protocol):
+    """An arm that follows commands, as well as it does."""
+
+    looks: int
+    """How often it is looked at in a step."""
+    leaves: Leaves
+    """Its cover, placed where it truly is."""
+    state: tuple[np.ndarray, np.ndarray]
+    """Where it truly is, and how fast, in [rad] and [rad]/[s]. Shape (nv,) each."""
+    measured: tuple[np.ndarray, np.ndarray]
+    """The same as its encoders have it."""
+    moves: bool
+    """Whether it does more than rest."""
+    is_off: bool
+    """Whether it is farther off its command than is stated."""
+
+    def start(self, q: np.ndarray) -> None:
+        """Rest somewhere, in [rad]. Shape (nv,)."""
+
+    def take(self, command: Command, now: float) -> None:
+        """Follow another command, which was answered at a time in [s]."""
+
+    def advance(self, until: float) -> None:
+        """Move on until a time in [s]."""
+
+    def find_gaps(self, ends: np.ndarray) -> np.ndarray:
+        """Distance from each body, 0 or less in contact, in [m]. Shape (bodies,).
+
+        Args:
+            ends: Of each body's axis, in [m]. Shape (bodies, 2, 3).
+        """
+
+
+class ExactArm:
+    """Is where its command has it, and as large as its cover.
+
+    Args:
+        leaves: That cover.
+    """
+
+    looks = CLOSE_STEPS
+    is_off = False
+
+    def __init__(self, leaves: Leaves) -> None:
+        self.leaves = leaves
+
+    def start(self, q: np.ndarray) -> None:
+        """Rest somewhere, in [rad]. Shape (nv,)."""
+        self.state = q, np.zeros(len(q))
+
+    def take(self, command: Command, now: float) -> None:
+        """Follow another command."""
+        self._command = command
+
+    def advance(self, until: float) -> None:
+        """Move on until a time in [s]."""
+        self.state = place_at(self._command, until)
+        self.leaves.place(*self.state)
+
+    @property
+    def measured(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where it is, and how fast, in [rad] and [rad]/[s]. Shape (nv,) each."""
+        return self.state
+
+    @property
+    def moves(self) -> bool:
+        """Whether a joint moves."""
+        return bool(np.abs(self.state[1]).max() > SLOWEST)
+
+    def find_gaps(self, ends: np.ndarray) -> np.ndarray:
+        """Distance of its cover from each body, in [m]. Shape (bodies,)."""
+        return self.leaves.gaps(ends, RADII)
 
 
 class Mover(Protocol):
@@ -108,8 +221,10 @@ class ShieldMover:
         jerk: Limit of it, in [rad]/[s³].
         look_ahead: In [s].
         contact_limits: What may be touched; None: nothing.
-        clean: Whether it is shown clean data.
+        following: How well the arm follows commands.
     """
+
+    clean = True
 
     def __init__(
         self,
@@ -121,9 +236,9 @@ class ShieldMover:
         look_ahead: float,
         *,
         contact_limits: ContactLimits | None = None,
-        clean: bool = True,
+        following: Following = EXACTLY,
     ) -> None:
-        self.setting, self.clean = setting, clean
+        self.setting = setting
         self.speed_limits = np.zeros(len(RADII))
         if contact_limits is not None:
             self.speed_limits = find_speed_limits(contact_limits, PATTERNS_OF_REGIONS)
@@ -133,7 +248,7 @@ class ShieldMover:
             robot,
             self._table,
             rate=1.0 / period,
-            latency=timing.latency,
+            latency=following.latency,
             reaction_time=timing.reaction,
             motion="planned",
             operating=operating,
@@ -144,8 +259,8 @@ class ShieldMover:
             jerk=jerk,
             rate=1.0 / period,
             look_ahead=look_ahead,
-            tracking_error=TRACKING_ERROR,
-            velocity_tracking_error=VELOCITY_TRACKING_ERROR,
+            tracking_error=following.position,
+            velocity_tracking_error=following.velocity,
         )
         self.limits = self._shield.limits
         self.set_path = self._shield.set_path
@@ -176,23 +291,25 @@ class ShieldMover:
 
 def play(
     mover: Mover,
-    leaves: Leaves,
+    arm: Follower,
     people: People,
     trajectory: JointTrajectory,
     period: float,
     begin: float,
     seconds: float,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Shielded:
     """One case: the arm rests while it listens, and then follows its trajectory.
 
     Args:
         mover: What moves it.
-        leaves: Of the arm.
+        arm: That is moved.
         people: Who is beside it.
         trajectory: What it is asked to follow.
         period: Of steps, in [s].
         begin: Of the recording, on the mover's clock, in [s].
         seconds: How long it works at most.
+        clock: By which steps are timed, in [s].
     """
     people.reset()
     mover.begin(people, begin)
@@ -200,13 +317,14 @@ def play(
     last = float(trajectory.stops[trajectory.stops <= trajectory.duration * (1.0 + 1e-9)][-1])
     times = np.linspace(0.0, last, math.ceil(last / SAMPLE) + 1)
     path = Path(np.array([trajectory.sample(one)[0] for one in times]), times)
-    log = TouchLog(mover.speed_limits)
+    log = TouchLog(mover.speed_limits) if mover.speed_limits.any() else None
     touching = np.zeros(len(RADII), dtype=bool)
-    q, v = trajectory.sample(0.0)[0], np.zeros(len(mover.limits.velocity))
+    arm.start(trajectory.sample(0.0)[0])
     before, was_at_rest, was_hard, heading = 0.0, True, False, 1.0
     counts = dict.fromkeys(("ticks", "free", "rests", "rests_free", "hard_stops"), 0)
-    reversals = missed = beyond = 0
+    reversals = 0
     progress_free, extreme, jerk = 0.0, 0.0, 0.0
+    contacts: list[Contact] = []
     prices = []
     duration = min((len(people.ends) - 1) / people.rate, seconds + LISTEN)
     for tick in range(int(duration / period)):
@@ -214,26 +332,27 @@ def play(
         if tick == round(LISTEN / period):
             mover.set_path(path)
         mover.listen(since)
-        started = time.perf_counter()
-        command = mover.step(since, q, v)
-        prices.append(time.perf_counter() - started)
+        started = clock()
+        command = mover.step(since, *arm.measured)
+        prices.append(clock() - started)
+        arm.take(command, begin + since)
         is_free = True
-        for step in range(1, CLOSE_STEPS + 1):
-            at = since + step * period / CLOSE_STEPS
-            q, v = place_at(command, begin + at)
-            leaves.place(q, v)
-            moves = bool(np.abs(v).max() > 1e-9)
-            if people.yields:
-                people.advance(at, period / CLOSE_STEPS, leaves)
-            frame = people.frame(at)
-            gaps = leaves.gaps(people.ends_at(at), RADII)
-            broken = stream.broke[frame] | people.is_filled[frame]
-            is_free &= bool(gaps.min() > 0.0)
-            new = (gaps <= 0.0) & moves & ~touching
-            touching = (gaps <= 0.0) & moves
-            missed += int((new & ~broken).sum())
-            beyond += int((new & broken).sum())
-            log.follow(at, period / CLOSE_STEPS, leaves, people.ends_at(at), broken)
+        for look in range(1, arm.looks + 1):
+            at = since + look * period / arm.looks
+            arm.advance(begin + at)
+            people.advance(at, period / arm.looks, arm.leaves)
+            _, v = arm.state
+            moves = arm.moves
+            frame, ends = people.frame(at), people.ends_at(at)
+            is_free &= bool(arm.leaves.gaps(ends, RADII).min() > 0.0)
+            inside = ~(arm.find_gaps(ends) > 0.0)
+            for body in np.flatnonzero(inside & moves & ~touching).tolist():
+                broken = _name_broken(arm, people, stream, frame, body)
+                contacts.append(Contact(NAMES[body], at, broken))
+            touching = inside & moves
+            if log is not None:
+                doubted = stream.broke[frame] | people.is_filled[frame]
+                log.follow(at, period / arm.looks, arm.leaves, ends, doubted)
         if since < LISTEN:
             continue
         came = mover.progress * last
@@ -258,9 +377,18 @@ def play(
         before, was_at_rest, was_hard = came, rests, not command.is_new
     return Shielded(
         counts["ticks"], before, progress_free, counts["free"], counts["rests"],
-        counts["rests_free"], counts["hard_stops"], reversals, jerk, missed, beyond,
-        np.array(prices), log.touches,
+        counts["rests_free"], counts["hard_stops"], reversals, jerk, tuple(contacts),
+        np.array(prices), () if log is None else log.touches,
     )  # fmt: skip
+
+
+def _name_broken(arm: Follower, people: People, stream: Stream, frame: int, body: int) -> str:
+    """Which premise was broken at a frame or shortly before; empty: none."""
+    if arm.is_off:
+        return "the arm was farther off its command than is stated"
+    if people.is_filled[frame, body]:
+        return "the body was hidden"
+    return "the body had broken its bounds" if stream.broke[frame, body] else ""
 
 
 def place_at(command: Command, time: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import copy
 import math
 import time
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from armguard.verdict import Effect, Level, Reason, ReasonKind
 from scene.clearance import Leaves, is_separate
 from scene.example_limits import PATTERNS_OF_REGIONS
 from scene.recorded_people import RADII, People
+from scene.tied_people import BONES, list_tethers
 from scene.touches import find_speed_limits
 from scene.working_arm import ACCELERATION_SHARE, Braking, WorkingArm
 
@@ -235,6 +236,8 @@ class MonitorRule(Rule):
     """A monitor, whatever its STOP is for.
 
     Args:
+        tied: How the person's bodies are tied to each other: not at all, by the lengths of anybody,
+            or by lengths that were measured.
         options: Settings of the monitor beside its delays.
     """
 
@@ -249,9 +252,11 @@ class MonitorRule(Rule):
         *,
         payload: float | None = None,
         clean: bool = True,
+        tied: Literal["", "anybody", "measured"] = "",
         **options: Any,
     ) -> None:
         super().__init__(robot, setting, period, name, payload=payload, clean=clean)
+        self._tied = tied
         contact_limits = options.get("contact_limits")
         if contact_limits is not None:
             self.limits = find_speed_limits(contact_limits, PATTERNS_OF_REGIONS)
@@ -274,6 +279,10 @@ class MonitorRule(Rule):
         """Start anew, with a recording that begins at a time in [s]."""
         self._stream = people.streams[self.setting.bounds, self.clean]
         self._table.remove([name for name in self._table.ids if name])
+        if self._tied:
+            self._stream = people.jointed[self.setting.bounds]
+            for a, b, length in list_tethers(people.bones if self._tied == "measured" else BONES):
+                self._table.tether(f"person/{a}", f"person/{b}", length, self._tied)
         self.monitor.reset()
         self._next, self._begin = 0, begin
         self.speed_limit, self.cause = np.inf, HELD

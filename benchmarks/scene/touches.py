@@ -95,11 +95,10 @@ class TouchLog:
             ends: Of each body's axis, in [m]. Shape (bodies, 2, 3).
             broken: Which bodies broke their bounds shortly before. Shape (bodies,).
         """
-        moves = leaves.velocities.any()
+        moves, spins = leaves.velocities.any(), leaves.spins
         for body, name in enumerate(NAMES):
             depth, speed, pressing = find_touch(
-                leaves.centers, leaves.velocities, leaves.spins, leaves.radius, ends[body],
-                RADII[body],
+                leaves.centers, leaves.velocities, spins, leaves.radius, ends[body], RADII[body]
             )  # fmt: skip
             touch = self._open.get(body)
             if not depth >= 0.0:

@@ -12,6 +12,7 @@ from scene.contestants import (
     DESCRIPTIONS,
     LEAST,
     MAIN,
+    MAIN_RAW,
     ORACLE,
     SEPARATION,
     TARGETS,
@@ -65,7 +66,7 @@ def write_page(
     parts = [
         HEADER.read_text(encoding="utf-8").format(
             numbers="\n".join(write_numbers(results, scope)),
-            costs="\n".join(write_costs(results, scope)),
+            costs="\n".join(write_costs(results, scope, MAIN)),
             reaction=milliseconds(scope.reactions[0]),
             recordings=in_words(len({one.recording for one in judged}), "recording", "recordings"),
             minutes=results.minutes(speed, SEPARATION, scope.usual),
@@ -213,7 +214,7 @@ def _spread(results: Results, scope: Scope) -> list[str]:
             places = list(dict.fromkeys(one.placement for one in found))
             heads = ["rule", *recordings, *(f"place {place + 1}" for place in places)]
             rows = []
-            for rule in (ORACLE, *MAIN, *(rule + AS_THEY_COME for rule in MAIN)):
+            for rule in (ORACLE, *MAIN, *MAIN_RAW):
                 each = [results.share(speed, rule, setting, recording=x) for x in recordings]
                 each += [results.share(speed, rule, setting, placement=x) for x in places]
                 rows.append([rule, *map(percent, each)])

@@ -13,6 +13,7 @@ from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.truth import Closest
 from armguard.lab.paper import command as paper
 from support import commissioned_runs
+from support.driven_cell import find_host
 from support.kits import write_frame
 from support.urdf_arms import two_links
 from support.walking_person import WalkingPerson
@@ -55,6 +56,14 @@ def words_of(tmp_path, recording, monkeypatch):
     camera.write_text("\n".join(frames))
     cell, out = tmp_path / "cell.toml", str(tmp_path / "out")
     cell.write_text('[robot]\nname = "panda"\noperating = "published"\n[sources]\n')
+    moved = tmp_path / "moved.toml"
+    planned = 'motion = "planned"\nrate = 100.0\n[shield]\njerk = 500.0\n'
+    moved.write_text(f"{cell.read_text()}[monitor]\n{planned}")
+    driven = tmp_path / "driven.toml"
+    driven.write_text(
+        'sources = {}\n[robot]\nname = "ur5e"\n[robot.driver]\n'
+        f'name = "ur"\nhost = "{find_host()}"\nmodel = "UR5e"\n'
+    )
     addresses = [
         word
         for name in ("obstacles", "joints", "verdicts")
@@ -63,6 +72,8 @@ def words_of(tmp_path, recording, monkeypatch):
     return {
         "demo": (["--duration", "0.3", "--no-view"], "ticks"),
         "run": ([str(cell), "--duration", "0.05", "--no-realtime", *addresses], "ticks"),
+        "shield": ([str(moved), "--duration", "0.05", "--no-realtime", *addresses], "ticks"),
+        "drive": ([str(driven), "--duration", "0.1"], "counts"),
         "reset": ([f"ipc://{tmp_path}/nobody", "--token", "x"], "obeyed"),
         "replay": ([str(recording)], "identical"),
         "robots": ([], "robots"),
@@ -94,6 +105,8 @@ def test_every_command_that_reports_has_it():
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in REPORT_NOTHING])
 def test_standard_output_has_one_object_and_nothing_else(name, words_of, capfd):
+    if name == "drive":
+        pytest.importorskip("rtde_receive", reason="ur-rtde is not installed")
     words, key = words_of[name]
     assert main([name, *words, "--json"]) in (0, 1)
     out, err = capfd.readouterr()

@@ -20,7 +20,6 @@ from armguard.app.loop import (
     REST,
     Durations,
     Observer,
-    RateLoop,
     RunOptions,
     run,
 )
@@ -28,63 +27,14 @@ from armguard.exceptions import StreamError
 from armguard.messages.answers import VerdictMessage
 from armguard.recording import replay
 from armguard.recording.events import Log
-from armguard.streams import Edge, EdgeSettings, FaultLog, SocketInput, VerdictReader
+from armguard.streams import SocketInput, VerdictReader
 from armguard.verdict import Level, ReasonKind
 from support.manual_clock import ManualClock
 from support.recordings_made import read_events
+from support.scripted_loop import CELL, Script, ball, joints, make_loop
 
 EXAMPLE = Path(__file__).parents[2] / "demos" / "cell.toml"
-CELL = '[robot]\nname = "panda"\n[sources.camera]\n'
-NAMES = [f"panda_joint{number}" for number in range(1, 8)]
-READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 PATIENCE = 20.0
-
-
-class Script:
-    """An input that says, tick by tick, what a test wrote down."""
-
-    def __init__(self, *ticks):
-        self.ended = False
-        self._ticks = [list(messages) for messages in ticks]
-
-    def receive(self):
-        if not self._ticks:
-            self.ended = True
-            return None
-        if self._ticks[0]:
-            return json.dumps(self._ticks[0].pop(0)).encode()
-        self._ticks.pop(0)
-        return None
-
-    def close(self):
-        pass
-
-
-def joints(stamp, **changes):
-    return {"type": "joints", "stamp": stamp, "names": NAMES, "q": READY, "v": [0] * 7, **changes}
-
-
-def ball(stamp, x=9.0, **changes):
-    position = [[x, 0.0, 0.5]]
-    message = {"type": "obstacles", "source": "camera", "stamp": stamp, "ids": ["ball"]}
-    return {**message, "position": position, "velocity": [[0, 0, 0]], "radius": 0.1, **changes}
-
-
-def make_loop(script, clock, publish, text=CELL, answers=None, rest=None, **options):
-    robot, obstacles, monitor = Cell.from_text(text).build()
-    faults = FaultLog(clock.now, lambda line: None)
-    edge = Edge(
-        obstacles, robot.joints, clock, faults, EdgeSettings(monotonic=clock.now, **options)
-    )
-
-    def answer(number, verdict):
-        if answers is not None:
-            answers.append((number, verdict))
-
-    observer = Observer()
-    if rest is not None:
-        observer.rest = rest
-    return RateLoop(monitor, edge, [script], clock, publish, answer, [observer])
 
 
 # The loop
@@ -130,77 +80,6 @@ def test_what_can_wait_is_done_between_ticks_and_only_where_there_is_time():
     # The second tick takes longer than its period, so the third one follows at once.
     assert loop.late == 1
     assert told == [1, "rest", 2, 3, "rest", 4, "rest", 5]
-
-
-PLANNED = CELL.replace("[sources.camera]", '[monitor]\nmotion = "planned"\n[sources.camera]')
-
-
-def plan(stamp, number=1, **changes):
-    """To stay for half a second; joints in another order than the robot's."""
-    rest = {"times": [0.0, 0.5], "q": [READY[::-1]] * 2, "v": [[0.0] * 7] * 2}
-    message = {"type": "plan", "ask": "commit", "number": number, "stamp": stamp}
-    return {**message, "names": NAMES[::-1], **rest, "tracking_error": 0.01, **changes}
-
-
-def ask(*messages, text=PLANNED):
-    """Answers to what comes with the second joint state of an arm at rest, far from a ball."""
-    answers, verdicts = [], []
-    ticks = [
-        [joints(0.001), ball(0.001)],
-        [joints(0.002), ball(0.002), *messages],
-        [joints(0.003), ball(0.003)],
-    ]
-    loop = make_loop(Script(*ticks), ManualClock(0.001), verdicts.append, text, answers)
-    for _ in ticks:
-        loop.tick()
-        loop.clock.sleep_until(loop.clock.now() + 0.001)
-    return answers, verdicts, loop
-
-
-def test_a_plan_is_answered_by_its_number():
-    answers, verdicts, loop = ask(plan(0.002, 7))
-    ((number, answer),) = answers
-    assert (number, answer.safe, answer.reasons) == (7, True, ())
-    assert loop.report().faults == {}
-    assert not any(ReasonKind.PLAN_VOID in {r.kind for r in v.reasons} for v in verdicts)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"q": [READY] * 2}, "panda_joint"),
-        ({"names": NAMES[:6]}, "panda_joint7"),
-        ({"q": [READY]}, "2 rows of 7"),
-        ({"tracking_error": [0.01] * 6}, "6 values"),
-        ({"tracking_error": 0.0}, "above 0"),
-        ({"velocity_tracking_error": -1.0}, "above 0"),
-        ({"stamp": 50.0}, "begins in"),
-    ],
-)
-def test_what_is_wrong_with_a_plan_is_its_answer(changes, words):
-    ((number, answer),) = ask({**plan(0.002), **changes})[0]
-    assert (number, answer.safe, answer.contact_time) == (1, False, 0.0)
-    assert words in str(answer.reasons[0])
-
-
-def test_of_plans_that_come_together_the_newest_is_judged():
-    answers = ask(plan(0.002, 1), plan(0.002, 2))[0]
-    assert [(number, answer.safe) for number, answer in answers] == [(1, False), (2, True)]
-    assert "overtaken" in str(answers[0][1].reasons[0])
-
-
-def test_a_monitor_without_plans_says_so():
-    ((_, answer),) = ask(plan(0.002), text=CELL)[0]
-    assert not answer.safe
-    assert 'motion = "planned"' in str(answer.reasons[0])
-
-
-def test_a_plan_before_the_first_joint_state_is_refused():
-    answers = []
-    loop = make_loop(Script([plan(0.0)]), ManualClock(0.0), len, PLANNED, answers)
-    loop.tick()
-    assert not answers[0][1].safe
-    assert "not known" in str(answers[0][1].reasons[0])
 
 
 def test_the_loop_ends_with_its_input_and_on_control_c():

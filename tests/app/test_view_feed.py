@@ -4,7 +4,7 @@ import coal
 import numpy as np
 import pytest
 
-from armguard import Monitor, Obstacles, Plan, Robot
+from armguard import Monitor, Obstacles, OperatingLimits, Path, Plan, Robot, Shield
 from armguard.app.loop import Durations, Resets
 from armguard.app.view_feed import (
     INTERVAL,
@@ -309,3 +309,35 @@ def test_the_most_imminent_obstacle_has_its_reach_and_a_told_path_its_samples(ro
     assert entrances == {"wall": False, "door": True, "ball": False}
     rows = np.frombuffer(frame.plan, "<f4").reshape(-1, 7)
     assert np.allclose(rows, READY, atol=1e-5)
+
+
+def test_a_frame_tells_how_fast_a_shield_moves_the_arm_where_to_and_why_not_faster(robot):
+    obstacles, messages = Obstacles(sources=["camera"]), Messages()
+    operating = OperatingLimits.fraction(robot, velocity=0.4, acceleration=0.25)
+    monitor = Monitor(robot, obstacles, rate=100.0, motion="planned", operating=operating)
+    shield = Shield(monitor, jerk=500.0, rate=100.0)
+    feed = MonitorFeed(monitor, messages)
+    shield.set_path(Path([READY, READY + 0.3]))
+    q, v = READY, np.zeros(7)
+    for tick in range(130):
+        now = 0.01 * tick
+        place = [[max(2.0 - now, 0.75), 0.0, 0.5]]
+        obstacles.update(["hand"], now, place, radius=0.1, speed=1.5, source="camera")
+        command = shield.step(now, q, v)
+        feed.note(command.verdict, now, command)
+        feed.publish(now, Durations(), 0, shield=shield)
+        q, v, _ = command.at(now + 0.01)
+    frames = messages.frames
+    free = next(frame for frame in frames if frame.now > 0.3)
+    assert free.command.scale == pytest.approx(1.0)
+    assert (free.command.reason, free.command.is_proved) == ("", True)
+    path = np.frombuffer(free.path, "<f4").reshape(-1, 7)
+    assert path[0] == pytest.approx(READY + 0.3 * (path[0, 0] / 0.3), abs=1e-4)
+    assert path[-1] == pytest.approx(READY + 0.3, abs=1e-5)
+    slower = [frame for frame in frames[3:] if frame.command.scale < 0.95]
+    assert slower
+    assert all("hand" in frame.command.reason for frame in slower)
+    # An arm that is only watched has none of it.
+    feed.note(command.verdict, 2.0)
+    feed.publish(2.0, Durations(), 0)
+    assert (messages.frames[-1].command, messages.frames[-1].path) == (None, b"")

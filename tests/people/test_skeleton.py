@@ -16,6 +16,7 @@ from armguard.body_regions import REGIONS
 from armguard.bridges.skeletons import MODELS
 from armguard.exceptions import ArmguardError
 from armguard.obstacles import Obstacles
+from armguard.obstacles.tethers import MOST_TETHERS
 from armguard.people import BOUNDS, UPPER_BODY, Skeleton
 from armguard.people.proportions import SEGMENTS, THICKNESSES
 from armguard.people.skeleton import BONES, PARTS, Ball, find_points, infer_points
@@ -221,13 +222,17 @@ def test_bounds_regions_and_tethers_are_those_of_the_parts():
     skeleton = Skeleton("anna")
     counts = Counter(id for one in skeleton.tethers for id in one[:2])
     assert set(counts) == set(skeleton.ids)
-    assert max(counts.values()) <= 4
+    assert max(counts.values()) <= MOST_TETHERS
     obstacles = Obstacles()
     truth = WalkingPerson(1).locate(0.0)
     skeleton.update(obstacles, 0.0, truth, ERROR)
     assert {(one.a, one.b, one.length) for one in obstacles.tethers} == {
         (one.a, one.b, one.length) for one in skeleton.tethers
     }
+    # A hand is as near to its elbow as both bones are long, wherever the rest of the arm is.
+    lengths = {(one.a, one.b): one.length for one in skeleton.tethers}
+    whole = SEGMENTS["forearm"].length + SEGMENTS["palm"].length
+    assert lengths["anna/left_elbow", "anna/left_hand"] == pytest.approx(whole)
     hand = obstacles.row("anna/left_hand")
     assert obstacles.table.accepted.accel[hand] == BOUNDS["hand"].accel
     assert obstacles.table.accepted.speed[hand] == BOUNDS["hand"].speed

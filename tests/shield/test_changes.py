@@ -50,6 +50,19 @@ def test_every_stop_on_a_path_keeps_the_limits_and_the_path(seed):
     assert passed > 100 or place[0] >= path.duration
 
 
+def test_an_arm_at_rest_can_set_off_however_hard_it_brakes():
+    """A Panda's at 30 % speed without a load: a timed path might use all of its acceleration."""
+    acceleration = np.array([3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0])
+    velocity = np.array([0.6525] * 4 + [0.783] * 3)
+    way = np.array([-1.957, -0.522, 1.048, 1.473, 1.161, -0.509, -1.061])
+    for braking in (0.5, 1.0, 2.0, 10.0):
+        limits = MotionLimits(velocity, acceleration, braking * acceleration, np.full(7, 500.0))
+        path = TimedPath(Path([0.0 * way, way]), limits)
+        motion = PaceChanges(limits).go_and_stop(path, (0.0, 0.0, 0.0), 3.0, 0.03, 1.0)
+        assert motion is not None, braking
+        assert motion.end > 3.03
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_no_pace_overshoots_the_clock_of_a_path(seed):
     random = np.random.default_rng(seed)

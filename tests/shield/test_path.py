@@ -117,6 +117,12 @@ def test_a_path_of_other_joints_or_one_that_sets_off_in_motion_is_refused():
         TimedPath(Path(slow, times), LIMITS)
 
 
+@pytest.mark.parametrize("far", [1e5, 9e99])
+def test_a_path_that_takes_for_ever_is_refused_at_once(far):
+    with pytest.raises(ArmguardError, match=r"path: takes .*; expected 2000 s at most"):
+        TimedPath(Path([[0.0] * 3, [far, 0.0, 0.0]]), LIMITS)
+
+
 def test_a_path_that_leads_nowhere_is_a_moment_at_rest():
     path = TimedPath(Path([[0.1, 0.2, 0.3]] * 4), LIMITS)
     q, slope, _, _ = path.evaluate(np.linspace(0.0, path.duration, 9))

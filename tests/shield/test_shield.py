@@ -47,6 +47,18 @@ def test_an_arm_that_nothing_hinders_follows_its_path_to_the_end():
     check_limits(arm)
 
 
+def test_a_latency_of_one_period_refuses_nothing():
+    """The last motion begins just when the next piece does, but for rounding."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 1.0 / RATE})
+    arm.shield.set_path(make_path())
+    reasons = set()
+    for tick in range(200):
+        arm.now = tick / RATE
+        reasons.add(str(arm.step().reason))
+    assert arm.shield.progress > 0.1
+    assert reasons == {"None"}
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_whatever_is_asked_the_arm_touches_nothing_and_keeps_its_limits(seed):
     random = np.random.default_rng(seed)
@@ -149,6 +161,19 @@ def test_a_jog_keeps_the_velocity_and_stops_before_position_limits():
     assert (arm.q < robot.upper_position_limit).all()
     assert (arm.q > robot.lower_position_limit).all()
     assert arm.q[0] > robot.upper_position_limit[0] - 0.05
+    check_limits(arm)
+
+
+@pytest.mark.parametrize("steps", range(2, 30, 3))
+def test_an_arm_stops_when_it_is_asked_to_whenever_its_motion_changes(steps):
+    """Without a latency motions change at steps, up to what rounding does to their times."""
+    arm = ShieldedArm(0, balls=0, settings={"latency": 0.0})
+    for _ in range(steps):
+        arm.step(velocity=0.6 * NEAR)
+    for _ in range(40):
+        command = arm.step(velocity=np.zeros(7))
+    assert command.reason is None
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-9)
     check_limits(arm)
 
 
@@ -337,6 +362,38 @@ def test_the_place_of_an_arm_that_rests_follows_no_joint_state_that_is_not_belie
     arm.shield.set_path(Path(np.stack([place, HOME])))
     drive_on(arm)
     assert arm.q == pytest.approx(HOME, abs=1e-6)
+
+
+def test_an_arm_that_missed_commands_goes_on_from_where_it_came_to_rest():
+    arm = ShieldedArm(0, balls=0)
+    path = make_path()
+    arm.shield.set_path(path)
+    for _ in range(60):
+        arm.step()
+    for _ in range(100):
+        arm.see()
+        arm.shield.step(arm.now, arm.q, arm.v)  # the answer is lost
+        arm.step(asks=False)
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    moved = len(arm.moved)
+    drive_on(arm)
+    assert arm.q == pytest.approx(path.q[-1], abs=1e-6)
+    places = np.array([q for q, *_ in arm.moved[moved:]])
+    assert np.abs(np.diff(places, axis=0)).max() < 2e-3
+
+
+def test_an_arm_without_anything_left_to_do_comes_to_rest():
+    arm = ShieldedArm(0, balls=0)
+    arm.shield.set_path(make_path())
+    for _ in range(60):
+        arm.step()
+    assert arm.command.moving
+    arm.shield.set_path(None)
+    for _ in range(60):
+        arm.step()
+    assert not arm.command.moving
+    assert arm.v == pytest.approx(np.zeros(7), abs=1e-12)
+    assert arm.shield.progress == 0.0
 
 
 def test_after_a_reset_of_its_monitor_the_arm_rests_and_goes_on():

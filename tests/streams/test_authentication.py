@@ -313,6 +313,7 @@ def check(message, sender, rights):
         (REMOVE, "obstacles"),
         (joints(), "joints"),
         (plan(), "joints"),
+        ({"type": "goal", "number": 7, "until": 9.0, "names": ["a"]}, "joints"),
         ({"type": "watch", "number": 7}, "joints"),
         (RESET, "reset"),
     ],

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import (
     decode_answer,
+    encode_command,
     encode_plan_verdict,
     encode_reset_verdict,
     encode_verdict,
@@ -19,6 +20,7 @@ from armguard.messages.answers import (
 from armguard.messages.incoming import AnyMessage, MessageError, decode
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict
 from armguard.view.messages import decode_message
+from support.commands_made import COMMAND
 from support.stream_messages import World, joints, obstacles
 from support.verdict_samples import verdict
 
@@ -34,7 +36,11 @@ PLAN = {
     "v": [[0.0, 0.0], [0.0, 0.0]],
     "tracking_error": 0.1,
 }
+GOAL = {"type": "goal", "number": 3, "until": 1005.5, "names": ["shoulder", "elbow"]}
 VALID = [
+    GOAL | {"paths": [{"q": [[0.0, 0.0], [1.0, 1.0]], "times": [0.0, 9.0]}]},
+    GOAL | {"velocity": [0.1, 0.2]},
+    GOAL | {"chunk": b"\0" * 32},
     obstacles(),
     obstacles(position=b"\0" * 24, velocity=None, radius=b"\0" * 8, snapshot=True),
     {"type": "remove", "ids": ["a"], "stamp": 1005.0, "source": "cam0", "seq": 3},
@@ -49,6 +55,7 @@ ENCODED = [
 ]
 ANSWERS = [
     encode_verdict(verdict(Level.STOP, reasons=(Reason(ReasonKind.NO_SOURCES),)), 3.0),
+    encode_command(COMMAND, 3.0),
     encode_plan_verdict(7, PlanVerdict(False, 0.1, "hand", "ball", ())),
     encode_reset_verdict(7, ResetVerdict(False, "another token")),
 ]

@@ -3,6 +3,7 @@ import subprocess
 import sys
 import time
 
+import msgspec
 import numpy as np
 import pytest
 import zmq
@@ -24,6 +25,7 @@ from armguard.streams.cloud_intake import OwnPoints
 from armguard.streams.edge import EdgeSettings
 from armguard.streams.stamp_clocks import StampClock
 from armguard.verdict import Level, PlanVerdict, Reason, ReasonKind, ResetVerdict, Verdict
+from support.commands_made import COMMAND
 from support.stream_sockets import PATIENCE, attend
 
 
@@ -193,6 +195,48 @@ def test_a_reset_is_sent_as_the_edge_expects_it(address):
         side.take(lambda edge: edge.requests.is_reset)
     assert side.edge.requests.is_reset
     assert side.edge.requests.reset_verdicts == [(number, ResetVerdict(True, ""))]
+
+
+def test_goals_arrive_in_the_order_of_the_watched_joints(address):
+    names, goals = ["b", "a"], []
+    with Side(address) as side:
+        publisher, until = side.publisher, time.monotonic() + 0.9
+        q = np.arange(6.0).reshape(3, 2)
+        numbers = [
+            publisher.goal(until, names, paths=[(q, None), (q, [0.0, 1.0, 2.0])]),
+            publisher.goal(until, names, velocity=[0.1, 0.2]),
+            publisher.goal(until, names, chunk=q),
+        ]
+        publisher.joints(until, names, [1.0, 2.0], [3.0, 4.0])
+        for bad in ({"velocity": [1.0]}, {"chunk": [1.0, 2.0]}, {"paths": [(q[:, :1], None)]}):
+            with pytest.raises(StreamError, match="has shape"):
+                publisher.goal(until, names, **bad)
+        for requests in side.drain_until(lambda edge: edge.joints.state is not None):
+            goals += requests.goals
+    assert side.faults.total == 0
+    assert [(one.number, one.problem) for one in goals] == [(number, "") for number in numbers]
+    assert goals[0].until == side.to_monitor(until)
+    (bare, none), (_, times) = goals[0].paths
+    assert (bare.tolist(), none, times.tolist()) == (q[:, ::-1].tolist(), None, [0.0, 1.0, 2.0])
+    assert goals[1].velocity.tolist() == [0.2, 0.1]
+    assert goals[2].chunk.tolist() == q[:, ::-1].tolist()
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_reader_keeps_the_newest_command(address, as_json):
+    publisher = VerdictPublisher(address, 100.0, as_json=as_json)
+    with VerdictReader(publisher.address) as reader:
+        assert reader.command is None
+        end, sequence = time.monotonic() + PATIENCE, 0
+        while reader.command is None and time.monotonic() < end:
+            sequence += 1
+            publisher.publish(make_verdict(sequence))
+            publisher.command(msgspec.structs.replace(COMMAND, sequence=sequence))
+            reader.latest(0.01)
+        assert reader.command.stamp == COMMAND.stamp + 100.0
+        assert reader.command.goal == COMMAND.goal
+        assert reader.refused == 0
+    publisher.close()
 
 
 def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):

@@ -15,7 +15,14 @@ from armguard.streams.inputs import SocketInput
 from armguard.view import FramePublisher, ObstacleShapes, Pairs, VerdictSummary, launch
 from armguard.view.buckets import compute_buckets
 from armguard.view.colours import BUCKET_COLOURS, LEVEL_COLOURS, THEMES, parse_colour
-from armguard.view.messages import FEED_VERSION, Latch, Load, SourceReport, StatusMessage
+from armguard.view.messages import (
+    FEED_VERSION,
+    CommandSummary,
+    Latch,
+    Load,
+    SourceReport,
+    StatusMessage,
+)
 from support.view_picture import CHROMIUM, FLAGS, TIMEOUT, settle, wait_until_drawn
 from support.view_samples import PERIOD, make_frame, make_scene
 
@@ -578,6 +585,27 @@ def test_a_proved_piece_is_shown_only_where_the_arm_is_on_one(feed, page):
     # An arm that has come to rest there goes on resting.
     feed.show("AWARE", verdict=on_it, now=41.0)
     wait_for_text(page, "proved", "0 ms")
+
+
+def test_where_a_shield_moves_the_arm_its_pace_is_told_and_why_it_is_slower(feed, page):
+    command = {"scale": 0.4, "reason": "plan unsafe: <b>hand</b>", "progress": 0.5}
+    feed.show("AWARE")
+    wait_for_text(page, "going", "allowed speed")
+    assert not page.is_visible("#slower")
+    feed.show("AWARE", command=CommandSummary(**command, is_proved=True))
+    wait_for_text(page, "going", "pace")
+    wait_for_text(page, "speed", "40 %")
+    wait_for_text(page, "slower", "slower: plan unsafe: <b>hand</b>")
+    feed.show("AWARE", command=CommandSummary(**command, is_proved=False))
+    wait_for_text(page, "slower", "not proved any more, the arm is to brake: plan unsafe")
+    full = command | {"scale": 1.0, "reason": ""}
+    before = page.locator("#banner").bounding_box()
+    feed.show("AWARE", command=CommandSummary(**full, is_proved=True))
+    wait_for_text(page, "speed", "100 %")
+    assert page.inner_text("#slower") == ""
+    assert page.locator("#banner").bounding_box() == before
+    feed.show("AWARE")
+    wait_for_text(page, "going", "allowed speed")
 
 
 def test_a_level_that_is_held_tells_its_cause_and_when_it_may_rise(feed, page):

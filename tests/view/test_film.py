@@ -3,7 +3,7 @@ import pytest
 
 from armguard.view import film as film_module
 from armguard.view.film import INTERVAL, SPAN, Film
-from armguard.view.messages import Latch, VerdictSummary, encode_message
+from armguard.view.messages import CommandSummary, Latch, VerdictSummary, encode_message
 from support.view_samples import make_frame
 
 
@@ -48,6 +48,18 @@ def test_a_moment_has_the_soonest_harm_since_the_last_where_limits_are_stated():
     told = [moment.harm_time for moment in film.moments]
     assert told[0] is None
     assert {one for one in told if one is not None} == {0.4, 0.7, 0.2}
+
+
+def test_a_moment_has_the_slowest_pace_since_the_last_where_a_shield_moves_the_arm():
+    film, paces = Film(), [None] * 20 + [1.0] * 20
+    paces[30] = 0.2
+    for place, pace in enumerate(paces):
+        told = {"reason": "", "progress": 0.5, "is_proved": True}
+        command = None if pace is None else CommandSummary(scale=pace, **told)
+        shoot(film, frame_at(0.01 * place, command=command))
+    found = [moment.pace for moment in film.moments]
+    assert found[0] is None
+    assert {one for one in found if one is not None} == {1.0, 0.2}
 
 
 def test_a_stop_is_a_moment_of_its_own_and_an_event_with_its_reason():

@@ -83,6 +83,7 @@ def make_shapes(counts, points):
         make_frame(pairs=Pairs(bytes(2), bytes(2), bytes(4), bytes(60))),
         make_frame(v=(0.0,)),
         make_frame(plan=bytes(4)),
+        make_frame(path=bytes(4)),
         make_frame(reach=Balls(bytes(12))),
     ],
 )

@@ -229,8 +229,11 @@ def test_a_told_path_is_drawn_with_the_arm_at_its_end(page):
     frame = make_frame()
     q = np.array(frame.q)
     plan = np.stack([q, q + 0.1, q + 0.2]).astype("<f4").tobytes()
-    page.picture.draw_frame(make_frame(plan=plan))
-    assert page["lines /armguard/plan/path"]["positions"].size == 2 * 6
+    path = np.stack([q + 0.1 * k for k in range(5)]).astype("<f4").tobytes()
+    page.picture.draw_frame(make_frame(plan=plan, path=path))
+    corners = page["surface /armguard/plan/ribbon"]["positions"].reshape(-1, 3)
+    assert len(corners) == 3 * 4
+    assert len(page["instances /armguard/plan/path"]["buckets"]) == 4
     ghost = page["instances /armguard/plan/ghost"]["matrices"].reshape(-1, 16)
     cover = page["instances /armguard/cover"]["matrices"].reshape(-1, 16)
     assert len(ghost) == len(cover)
@@ -239,6 +242,9 @@ def test_a_told_path_is_drawn_with_the_arm_at_its_end(page):
     moved = page["instances /armguard/cover"]["matrices"].reshape(-1, 16)
     assert np.allclose(ghost, moved, atol=1e-5)
     assert not np.allclose(cover, moved, atol=1e-2)
+    # And without anything told there is nothing of it.
+    assert page["surface /armguard/plan/ribbon"]["positions"].size == 0
+    assert len(page["instances /armguard/plan/path"]["buckets"]) == 0
 
 
 def test_many_obstacles_are_drawn_with_less_detail_and_said_so(page):

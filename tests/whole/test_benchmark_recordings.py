@@ -301,16 +301,46 @@ def test_each_stop_on_data_as_they_come_has_one_cause(load, trajectory):
     )
     contestants = [
         rules.MonitorRule(*given, "monitor", clean=False),
+        rules.MonitorRule(*given, "tied", clean=False, tied="anybody"),
         rules.Separation(*given, "separation", clean=False),
         rules.ForgetfulSeparation(*given, "no hidden", clean=False),
     ]
     judged = plays.Stage(trajectory.robot, PERIOD).judge(person, arm(trajectory), contestants, 5.0)
-    monitor, separation, forgetful = judged
-    assert monitor.stopped == sum(monitor.causes.values()) + monitor.stopped_blocked
-    assert set(monitor.causes) <= {*rules.FAULTS, rules.HELD}
+    monitor, tied, separation, forgetful = judged
+    for one in (monitor, tied):
+        assert one.stopped == sum(one.causes.values()) + one.stopped_blocked
+        assert set(one.causes) <= {*rules.FAULTS, rules.HELD}
+    # A shoulder is hidden that is near its elbow.
+    assert tied.stopped < monitor.stopped
     assert set(monitor.causes) & set(rules.FAULTS[:3])
     assert not separation.causes
     assert forgetful.stopped < separation.stopped
+
+
+def test_limbs_are_tied_by_lengths_that_people_keep_to(load):
+    """Both lengths hold between clean samples, and joints are within the limbs that meet there."""
+    tied, bodies = load("scene.tied_people"), load("scene.recorded_people")
+    shapes = {body.name: body for body in (*bodies.BODIES, *tied.JOINTS)}
+    for path in find_recordings(load("bench_recordings")):
+        person = make_people(load, path)
+        points = bodies.Recording(path).position
+        points[~bodies.measure_motion(points, person.rate).is_clean] = np.nan
+        places = dict(zip(bodies.POINTS, points.transpose(1, 0, 2), strict=True))
+        tethers = zip(tied.list_tethers(person.bones), tied.list_tethers(tied.BONES), strict=True)
+        for (a, b, length), (_, _, longest) in tethers:
+            assert length <= longest
+            for one, other in ((shapes[a], shapes[b]), (shapes[b], shapes[a])):
+                for point in one.points:
+                    first, last = places[other.points[0]], places[other.points[-1]]
+                    way = last - first
+                    along = ((places[point] - first) * way).sum(axis=1)
+                    with np.errstate(invalid="ignore"):
+                        share = np.nan_to_num(along / (way**2).sum(axis=1)).clip(0.0, 1.0)
+                    nearest = first + share[:, None] * way
+                    assert np.nanmax(np.linalg.norm(places[point] - nearest, axis=1)) <= length
+    for joint in tied.JOINTS:
+        limbs = [body for body in bodies.BODIES if joint.points[0] in body.points]
+        assert all(joint.radius <= body.radius for body in limbs)
 
 
 def test_clean_samples_leave_no_fault(load, people):

@@ -13,16 +13,22 @@ import pytest
 
 from armguard.exceptions import ArmguardError
 from support.bags_made import START, STORE, header, joint_state, pose_array, transforms
+from support.driven_cell import find_host
 from support.quartic import smallest_root
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("[0-9][0-9]_*.py"))
 
 # Arguments of `main` that make a demo short, and those that name sockets, kept from real ones.
-QUICK = {"seeds": 20, "duration": 0.3}
+QUICK = {"seeds": 20, "duration": 0.3, "steps": 20}
 SOCKETS = {"address", "joints", "verdicts", "obstacles"}
 
 # Demos that need what not every machine has.
-NEEDS = {"05_mujoco": "mujoco", "06_ros2_bridge": "rclpy", "10_depth_camera": "mujoco"}
+NEEDS = {
+    "05_mujoco": "mujoco",
+    "06_ros2_bridge": "rclpy",
+    "10_depth_camera": "mujoco",
+    "13_learning": "gymnasium",
+}
 
 
 def require_renderer():
@@ -51,6 +57,8 @@ def test_every_demo_has_a_title_and_a_main_that_runs(path, capsys, tmp_path):
     parameters = inspect.signature(demo.main).parameters
     assert all(one.default is not one.empty for one in parameters.values())
     arguments = {name: value for name, value in QUICK.items() if name in parameters}
+    if "host" in parameters:
+        arguments["host"] = find_host()
     arguments |= {name: f"ipc://{tmp_path}/{name}" for name in SOCKETS & set(parameters)}
     demo.main(**arguments)
 
@@ -64,6 +72,16 @@ def test_in_mujoco_a_supervised_arm_touches_nothing_while_it_moves_and_another_d
     assert supervised.path > 0.1
     assert {"SLOW", "STOP"} <= set(supervised.levels)
     assert free.least_moving_distance < 0.0, "else there is nothing to be stopped for"
+
+
+def test_with_a_shield_a_learner_touches_nobody_and_without_one_it_does():
+    """MuJoCo finds the contacts, knowing nothing of armguard's covers."""
+    pytest.importorskip("gymnasium")
+    demo = load_demo(next(path for path in DEMOS if path.stem == "13_learning"))
+    found = demo.main(1000)
+    assert found["with a shield"].contacts == 0
+    assert found["with a shield"].placed > 0
+    assert found["without a shield"].contacts > 0, "else there is nothing to be kept from"
 
 
 def test_two_supervised_arms_keep_apart_and_others_do_not():

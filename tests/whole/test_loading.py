@@ -14,6 +14,8 @@ PATIENCE = 300.0  # a cold start compiles
 NOT_LOADED = (
     # whole wings
     "armguard.bridges",
+    "armguard.drivers",
+    "armguard.gymnasium",
     "armguard.lab",
     "armguard.recording",
     # what makes and proves a cover, and other formats of it
@@ -55,7 +57,7 @@ NOT_LOADED = (
     "armguard.pairs.hull_distance",
 )
 
-HEAVY = ("mcap", "meshcat", "mujoco", "tornado")
+HEAVY = ("gymnasium", "mcap", "meshcat", "mujoco", "tornado")
 """Libraries of others: the page's server, recordings, studies, bridges."""
 
 VIEW = ("armguard.app.view_feed", "armguard.robot.portable", "armguard.view.messages")

@@ -43,6 +43,8 @@ ROOMS = {
     "verdict",
     "people": "obstacles jit",
     "bridges": "messages monitor robot obstacles verdict",
+    "drivers": "streams verdict",
+    "gymnasium": "shield monitor robot obstacles jit",
     "app": "all but lab",
     "lab": EVERYTHING,
 }

@@ -16,11 +16,12 @@ import pytest
 from armguard.messages.answers import (
     CertificateMessage,
     PlanVerdictMessage,
-    ReasonMessage,
     ResetVerdictMessage,
     VerdictMessage,
 )
-from armguard.messages.incoming import AnyMessage, decode
+from armguard.messages.command import CommandMessage
+from armguard.messages.incoming import AnyMessage, GoalPath, decode
+from armguard.messages.reasons import ReasonMessage
 from armguard.streams import VerdictReader
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 from armguard.verdict import Level
@@ -31,9 +32,10 @@ PAGE = (DOCS / "wire.md").read_text(encoding="utf-8")
 ARMGUARD = Path(sys.executable).with_name("armguard")
 PATIENCE = 300.0  # a cold start compiles
 
-INPUTS = AnyMessage.__args__
+INPUTS = (*AnyMessage.__args__, GoalPath)
 ANSWERS = (
     VerdictMessage,
+    CommandMessage,
     PlanVerdictMessage,
     ResetVerdictMessage,
     ReasonMessage,
@@ -57,7 +59,8 @@ def test_each_field_is_told_and_each_measure_has_its_unit(message, script):
     for name, kind, _, text in fields:
         assert f"| `{name}` | {kind}" in PAGE
         assert text
-        is_measure = "number" in kind and name not in ("speed_scale", "witnesses")
+        shares = ("speed_scale", "scale", "progress", "witnesses")
+        is_measure = "number" in kind and name not in shares
         assert re.search(r"\[(s|m|m/s|m/s²|rad)\]", text) or not is_measure, name
 
 
@@ -76,11 +79,14 @@ def test_addresses_are_the_usual_ones():
 def test_the_messages_that_are_shown_are_taken():
     blocks = re.findall(r"```json\n(.*?)```", PAGE, flags=re.DOTALL)
     shown = re.sub(r"\n +", " ", "".join(blocks)).splitlines()
-    state, heartbeat, cloud, ignore, watch = (decode(line.encode()) for line in shown)
+    *others, path, jog = (decode(line.encode()) for line in shown)
+    state, heartbeat, cloud, ignore, watch = others
     assert [len(message.ids) for message in (state, heartbeat)] == [1, 0]
     assert len(cloud.points) == 2
     assert len(ignore.zone) == 8
     assert watch.number == ignore.number
+    assert len(path.paths[0].q) == 3
+    assert len(jog.velocity) == 2
 
 
 def compile_node(name, folder, *libraries):

@@ -57,6 +57,7 @@ from armguard.streams.stamp_clocks import HELD_UP
 
 if TYPE_CHECKING:
     from armguard.pairs.arm_obstacles import ArmObstacles
+    from armguard.shield.shield import Shield
 
 _T = TypeVar("_T")
 
@@ -373,6 +374,27 @@ class Cell:
         settings["keeps_cover"] = self.keeps_cover
         return self._attempt(key, Monitor.auto, robot, obstacles, trial, **settings)
 
+    def make_shield(self, monitor: Monitor) -> Shield:
+        """The shield that moves the arm, as `[shield]` says.
+
+        Args:
+            monitor: The one of this cell.
+
+        Raises:
+            CellError: The table, the rate or the motion is missing, or does not fit the robot.
+        """
+        # Most cells have none, and it brings libraries of its own.
+        from armguard.shield.shield import Shield
+
+        table = self.tables.shield
+        if table is None:
+            raise self._error("shield", "is missing", "[shield] with jerk")
+        if "rate" not in given(self.tables.monitor):
+            # The usual rate of a monitor is more than a shield can keep up with.
+            raise self._error("monitor.rate", "is missing", "a rate of the shield's, as 250.0")
+        rate = monitor.settings.rate
+        return self._attempt("shield", Shield, monitor, rate=rate, **given(table))
+
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
         """What the file says of the monitor, as keywords of `Monitor`."""
         stated = {
@@ -578,6 +600,8 @@ class Cell:
             return "ignore"
         if offender in ("payload", "level"):
             return f"robot.{offender}"
+        if self.tables.shield is not None and offender in given(self.tables.shield):
+            return f"shield.{offender}"
         for table in SETTINGS_TABLES:
             if offender in given(getattr(self.tables, table)):
                 return f"{table}.{offender}"

@@ -77,6 +77,28 @@ class OperatingTable(_Table):
     hard as the hardware can."""
 
 
+class DriverTable(_Table, kw_only=True):
+    """`[robot.driver]`: the robot that `armguard drive` joins to the monitor."""
+
+    name: Literal["ur"]
+    """Whose robot: `"ur"`, one of Universal Robots ([its page](ur.md))."""
+    host: Name
+    """Address of its controller."""
+    model: Name
+    """Which one it must be, such as `"UR5e"`; another one is refused."""
+    rate: Positive = 500.0
+    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series."""
+    joints: list[Name] | None = None
+    """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
+    speed: Fraction = 1.0
+    """The speed slider where nothing is near, from above 0 to 1."""
+    stop_within: Positive = 1.0
+    """How long the arm may still move after it was told to pause, in [s]. Then it is stopped, which
+    ends its program."""
+    deceleration: Positive = 4.0
+    """Of that stop, in [rad/s²]."""
+
+
 class _AnyArmTable(_Table):
     """What `[robot]` and `[[robots]]` say alike."""
 
@@ -101,6 +123,8 @@ class _AnyArmTable(_Table):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
+    driver: DriverTable | None = None
+    """How `armguard drive` joins it."""
 
 
 class RobotTable(_AnyArmTable):
@@ -326,14 +350,33 @@ class ThresholdsTable(_Table):
     """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
 
 
+class ShieldTable(_Table, kw_only=True):
+    """`[shield]`: how `armguard shield` moves the arm; its rate is that of `[monitor]`.
+
+    It needs `motion = "planned"` there, and `robot.operating` says how fast the arm moves.
+    """
+
+    jerk: Positive | list[Positive]
+    """The greatest jerk of all joints, or of each, in [rad/s³] or [m/s³]."""
+    look_ahead: Positive | UnsetType = UNSET
+    """For how long the arm must be able to go on as fast as it was asked to, in [s]: less gets more
+    work done, more brakes more gently."""
+    chunk_period: Positive | UnsetType = UNSET
+    """Between points of a chunk, in [s]."""
+    tracking_error: Positive | list[Positive] | UnsetType = UNSET
+    """How far all joints, or each, may be off a command, in [rad] or [m]."""
+    velocity_tracking_error: Positive | list[Positive] | UnsetType = UNSET
+    """How far their velocities may be off, in [rad/s] or [m/s]."""
+
+
 class ClientTable(_Table):
     """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
 
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
     """Its public key, 40 characters, as `armguard keys new` prints it."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, and contact
-    that is wanted), `verdicts`, `reset`, `view`."""
+    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, goals, and
+    contact that is wanted), `verdicts` (and commands), `reset`, `view`."""
     arms: list[Name] = []
     """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
 
@@ -393,6 +436,8 @@ class CellTables(_Table, kw_only=True):
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
     """Times that decide about levels and faults."""
+    shield: ShieldTable | None = None
+    """How a shield moves the arm; `armguard run` leaves it alone."""
     separation: SeparationRule | None = None
     """The usual rule's distance."""
     keys: KeysTable | None = None

@@ -11,6 +11,7 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import secrets
 import subprocess
@@ -38,6 +39,7 @@ from armguard.robot.description import (
     locate_urdf,
     read_description,
 )
+from armguard.robot.robot import Robot
 from armguard.view.export import check_export
 from armguard.view.listening import listen
 from armguard.view.process import ViewProcess, launch
@@ -49,6 +51,14 @@ FLOOR = -0.75
 """Height of the floor that is drawn, in [m]: the arm of the demo stands on a table."""
 
 OPERATING = 'operating = "published" # the simulated controller keeps to these'
+
+MOTION = """motion = "planned"
+rate = 250.0
+
+[shield]
+jerk = 500.0 # [rad/s³]
+"""
+"""Of an arm that a shield moves."""
 
 CELL = """\
 [robot]
@@ -70,7 +80,7 @@ detection_time = 0.1
 
 [monitor]
 schedule = "{schedule}"
-
+{motion}
 [thresholds]
 # A desktop machine may hold up any of these processes for a while; a real controller does not. The
 # bounds grow with age and latency, so waiting longer costs no safety, only a little room.
@@ -102,6 +112,9 @@ def run_demo(wishes: cli.Demo) -> int:
     if not is_known(robot):
         robot = str(find_robot(robot).resolve())  # its processes may be in another folder
     check_robot(robot)
+    if wishes.shield:
+        # What it needs beside armguard is told now, not by a process that dies later.
+        importlib.import_module("armguard.shield.shield")
     if record is not None:
         check_new(record)
     if export is not None:
@@ -121,14 +134,16 @@ def run_demo(wishes: cli.Demo) -> int:
         addresses = {name: f"ipc://{folder}/{name}" for name in names}
         obstacles, joints, verdicts, frames = addresses.values()
         cell, log = Path(folder) / "cell.toml", Path(folder) / "log"
-        cell.write_text(write_cell(robot, sources, wishes.schedule), encoding="utf-8")
+        text = write_cell(robot, sources, wishes.schedule, is_moved=wishes.shield)
+        cell.write_text(text, encoding="utf-8")
         errors = resources.enter_context(log.open("ab"))
         token = secrets.token_hex(4)
         options = ["--duration", str(duration), "--reset-token", token]
         if record is not None:
             options += ["--record", str(record)]
         # The monitor first: it has the longest way to go.
-        monitor = start_monitor(cell, addresses, *options, log=errors)
+        command = "shield" if wishes.shield else "run"
+        monitor = start_monitor(cell, addresses, *options, log=errors, command=command)
         resources.enter_context(_ending(monitor))
         perception = nodes.Perception(
             obstacles=obstacles,
@@ -138,7 +153,8 @@ def run_demo(wishes: cli.Demo) -> int:
             person=recording,
             balls=wishes.obstacles,
         )
-        arm = nodes.RobotNode(joints=joints, verdicts=verdicts, seed=seed, robot=robot)
+        kind = nodes.ShieldedRobotNode if wishes.shield else nodes.RobotNode
+        arm = kind(joints=joints, verdicts=verdicts, seed=seed, robot=robot)
         parts = {
             "perception": start_device(perception, errors),
             "robot": start_device(arm, errors),
@@ -188,22 +204,36 @@ def check_robot(robot: str) -> bool:
     return description.operating.published is not None
 
 
-def write_cell(robot: str, sources: Sequence[ObstacleSource], schedule: str) -> str:
+def write_cell(
+    robot: str, sources: Sequence[ObstacleSource], schedule: str, *, is_moved: bool = False
+) -> str:
     """The cell file of the demo.
 
     Args:
         robot: One that armguard knows, or the whole path of the folder of one.
         sources: What moves about the arm.
         schedule: Name of the monitor's schedule.
+        is_moved: Whether a shield moves the arm.
     """
+    operating = OPERATING if check_robot(robot) else ""
+    if is_moved:
+        limits = f"velocity = {nodes.SHIELDED_SPEED_FRACTION}{_find_acceleration(robot)}"
+        operating = f"payload = 0.0 # the arm carries nothing\noperating = {{ {limits} }}"
     tables = "".join(f"[sources.{source.name}]\nrate = {source.rate}\n" for source in sources)
     return CELL.format(
         robot=json.dumps(robot),
-        operating=OPERATING if check_robot(robot) else "",
+        operating=operating,
         base=list(find_place(robot).base),
         sources=tables,
         schedule=schedule,
+        motion=MOTION if is_moved else "",
     )
+
+
+def _find_acceleration(robot: str) -> str:
+    """The published operating acceleration as part of a table; empty where there is none."""
+    published = Robot.load(robot).published_operating_limits
+    return "" if published is None else f", acceleration = {published.acceleration.tolist()}"
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ from armguard.lab.simulation.processes import run_device
 from armguard.lab.simulation.recordings import place_recording
 from armguard.lab.simulation.sources import ObstacleSource
 from armguard.lab.simulation.trajectory import JointTrajectory, plan_work
+from armguard.messages.command import CommandMessage
 from armguard.robot.operating_limits import OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.streams.nodes import Publisher, VerdictReader
@@ -35,8 +36,14 @@ PERCEPTION_PERIOD = 0.005
 SPEED_FRACTION = 0.2
 """Share of its velocity limits that the arm works at."""
 
+SHIELDED_SPEED_FRACTION = 0.6
+"""Alike, of an arm that a shield moves: it is slowed down only where that has to be."""
+
 ACCELERATION_FRACTION = 0.5
 """Share of what joints and brakes can that the arm works at, at most."""
+
+GOAL_PATIENCE = 0.5
+"""Until a goal that no command has taken is sent again, in [s]."""
 
 WORK_CYCLE = 30.0
 """Until the arm's motion repeats, at least, in [s]."""
@@ -131,6 +138,52 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
 
 
+class ShieldedRobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """Ask a shield for one way after the other, follow its commands, and publish joint states."""
+
+    joints: str
+    """Address of the monitor's joint states."""
+    verdicts: str
+    """Address of its verdicts."""
+    seed: int
+    """Of the arm's motion."""
+    robot: str
+    """Which arm."""
+
+    def run(self) -> None:
+        """Move until ended."""
+        robot = Robot.load(self.robot)
+        waypoints = make_trajectory(robot, find_place(self.robot), self.seed).waypoints
+        q, v = waypoints[0], np.zeros(len(robot.joints))
+        followed: CommandMessage | None = None
+        ways, goal, asked = 0, -1, -math.inf
+        with Publisher(self.joints) as publisher, VerdictReader(self.verdicts) as reader:
+            _wait_for_monitor(self.verdicts)
+            start, tick = time.monotonic(), 0
+            while True:
+                now = time.monotonic()
+                if followed is not None:
+                    q, v, _ = followed.at(now)
+                publisher.joints(now, robot.joints, q, v)
+                reader.latest()
+                command = reader.command
+                if command is not None and command is not followed and command.joins(q, v, now):
+                    followed = command
+                is_taken = is_done = False
+                if command is not None and command.goal == goal:
+                    is_taken, is_done = True, command.progress == 1.0 and not command.moving
+                if is_done or (not is_taken and now > asked + GOAL_PATIENCE):
+                    ways += is_done
+                    target = waypoints[(ways + 1) % len(waypoints)]
+                    until = now + GOAL_PATIENCE
+                    goal = publisher.goal(
+                        until, robot.joints, paths=[(np.stack([q, target]), None)]
+                    )
+                    asked = now
+                tick = max(tick + 1, math.floor((now - start) / ROBOT_PERIOD))
+                time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
+
+
 def make_trajectory(robot: Robot, place: Place, seed: int) -> JointTrajectory:
     """What the arm does: ways through random postures, all of it in its place if that can be."""
     # An arm of somebody's own may be larger than the place that is meant for those on a table.
@@ -177,4 +230,4 @@ def _wait_for_monitor(verdicts: str) -> None:
 
 
 if __name__ == "__main__":
-    run_device(Perception | RobotNode)
+    run_device(Perception | RobotNode | ShieldedRobotNode)

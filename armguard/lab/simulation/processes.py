@@ -57,7 +57,11 @@ def run_device(kind: Any) -> None:
 
 
 def start_monitor(
-    cell: Path, addresses: Mapping[str, str], *options: str, log: IO[bytes] | int
+    cell: Path,
+    addresses: Mapping[str, str],
+    *options: str,
+    log: IO[bytes] | int,
+    command: str = "run",
 ) -> subprocess.Popen[bytes]:
     """Start `armguard run --json` as a process of its own, which ends with this one.
 
@@ -66,12 +70,13 @@ def start_monitor(
         addresses: By option: of obstacles, joints, verdicts and view.
         options: Others.
         log: Its standard error, as for `subprocess.Popen`.
+        command: "run", or "shield".
     """
-    command = [sys.executable, "-m", "armguard", "run", str(cell), "--json", "--quiet", *options]
-    command += ["--no-realtime", "--parent", str(os.getpid())]
-    command += [word for name, one in addresses.items() for word in (f"--{name}", one)]
+    words = [sys.executable, "-m", "armguard", command, str(cell), "--json", "--quiet", *options]
+    words += ["--no-realtime", "--parent", str(os.getpid())]
+    words += [word for name, one in addresses.items() for word in (f"--{name}", one)]
     return subprocess.Popen(
-        command,
+        words,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=log,

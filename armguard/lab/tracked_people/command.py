@@ -26,7 +26,7 @@ _IDS = {
     "head": ("head",),
     "trunk": ("torso", "neck"),
     "shoulder": ("_shoulder",),
-    "elbow": ("_upper_arm",),
+    "elbow": ("_upper_arm", "_elbow"),
     "hand": ("_forearm", "_hand"),
     "thigh": ("_thigh",),
     "foot": ("_shank", "_foot"),

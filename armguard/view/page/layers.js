@@ -9,7 +9,7 @@ const LAYERS = [
   { name: "volume", title: "stopping volume", paths: ["volume"], on: false,
     help: "where the arm can be until it rests" },
   { name: "plan", title: "told path", paths: ["plan"], on: true,
-    help: "the way that the controller has told, and the arm at its end" },
+    help: "the way that the arm goes as it was told, the arm at its end, and where a shield is to lead it" },
   { name: "statics", title: "standing still", paths: ["statics"], on: true },
   { name: "sensors", title: "sensor frames", paths: ["sensors"], on: false },
   { name: "meshes", title: "meshes", paths: ["arm"], on: true },

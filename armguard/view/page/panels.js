@@ -67,7 +67,7 @@ export class Panels {
     this.showTime("contact", verdict.contact_time, verdict.contact_level);
     this.showLimited(verdict);
     element("stop").textContent = stopTime(verdict.stop_time);
-    element("speed").textContent = `${(100 * verdict.speed_scale).toFixed(0)} %`;
+    this.showSpeed(verdict);
     this.showCause(verdict);
     this.showProved(verdict);
     element("link").textContent = verdict.link || "none";
@@ -110,6 +110,18 @@ export class Panels {
     element(id).textContent = seconds(time);
     const own = this.colour(this.latest.sequence > 0 ? level : "");
     element(id).style.color = `color-mix(in srgb, ${own} 65%, var(--pole))`;
+  }
+
+  // Where a shield moves the arm, how fast it goes, and why it is slower than it was asked to be.
+  showSpeed({ speed_scale, command }) {
+    const share = command === null ? speed_scale : command.scale;
+    element("going").textContent = command === null ? "allowed speed" : "pace";
+    element("speed").textContent = `${(100 * share).toFixed(0)} %`;
+    const text = command === null ? ""
+      : command.is_proved ? command.reason && `slower: ${command.reason}`
+      : `not proved any more, the arm is to brake${command.reason && ": "}${command.reason}`;
+    element("slower").textContent = text;
+    element("slower").hidden = command === null;
   }
 
   // What there is only where contact limits are stated.

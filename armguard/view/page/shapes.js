@@ -27,7 +27,8 @@ export class Shapes {
         geometry, new THREE.LineBasicMaterial(look(command.opacity, { vertexColors: true })))),
       surface: () => this.fillVertices(command, (geometry) => new THREE.Mesh(
         geometry, new THREE.MeshPhongMaterial(look(command.opacity, {
-          vertexColors: true, flatShading: true, side: THREE.DoubleSide, depthWrite: false })))),
+          vertexColors: true, flatShading: true, side: THREE.DoubleSide, depthWrite: false,
+          depthTest: !command.top })))),
     }[command.type];
     if (make === undefined) return false;
     make();

@@ -1,5 +1,6 @@
-// The strip: contact time (logarithmic) with the stop time below it, the speed scale, and the level
-// as a band, over the last half minute, or over a whole recording. What happened stands on top.
+// The strip: contact time (logarithmic) with the stop time below it, the pace of the arm, or the speed
+// that it is allowed, and the level as a band; over the last half minute, or over a whole recording.
+// What happened stands on top.
 import { tone } from "./colours.js";
 import { Markers } from "./markers.js";
 import { clock, element } from "./words.js";
@@ -16,7 +17,7 @@ export class Strip {
   // seek: shows the moment of a number.
   constructor(seek) {
     this.seek = seek;
-    this.moments = []; // { number, now, wall, level, contact, stop, speed, harm }
+    this.moments = []; // { number, now, wall, level, contact, stop, speed, harm, pace }
     this.events = [];
     this.levels = []; // { name, paint }, the lowest first
     this.at = null; // number of the moment that is shown; null: the present
@@ -41,8 +42,8 @@ export class Strip {
 
   take(news) {
     if (news.anew) this.moments = this.events = [];
-    const fresh = news.moments.map(([number, now, wall, level, contact, stop, speed, harm]) => (
-      { number, now, wall, level, contact, stop, speed, harm }));
+    const fresh = news.moments.map(([number, now, wall, level, contact, stop, speed, harm, pace]) => (
+      { number, now, wall, level, contact, stop, speed, harm, pace }));
     const keep = ({ number }) => number >= news.first;
     this.moments = [...this.moments, ...fresh].filter(keep);
     this.events = [...this.events, ...news.events].filter(keep);
@@ -89,7 +90,9 @@ export class Strip {
     pen.clearRect(0, 0, width, height);
     const [begin, end] = this.window();
     const x = (now) => (now - begin) / (end - begin) * width;
-    const band = height > 100 ? 12 : 8, speed = height > 100 ? 14 : 8;
+    // Where a shield moves the arm its pace tells more than what is allowed, and has more room.
+    const isMoved = this.moments.some(({ pace }) => pace !== null);
+    const band = height > 100 ? 12 : 8, speed = (height > 100 ? 14 : 8) * (isMoved ? 2 : 1);
     const floor = height - band - speed - 4;
     const y = (time) => {
       const share = Math.log(Math.min(Math.max(time, SHORTEST), LONGEST) / SHORTEST)
@@ -108,7 +111,7 @@ export class Strip {
       this.drawLevel(pen, { level: run.value }, { ...box(run), height, band });
     }
     pen.fillStyle = tone("--share");
-    for (const run of this.findRuns(shown, (moment) => Math.round(speed * clamp(moment.speed)))) {
+    for (const run of this.findRuns(shown, (moment) => Math.round(speed * clamp(moment.pace ?? moment.speed)))) {
       const { left, wide } = box(run);
       pen.fillRect(left, height - band - 2 - run.value, wide, run.value);
     }
@@ -119,7 +122,7 @@ export class Strip {
     if (height > 100) {
       for (const time of LINES) this.write(pen, `${time} s`, tone("--faint"), 2, y(time) - 2);
     }
-    this.drawKey(pen, height > 100 ? 40 : 2, limited.length > 0);
+    this.drawKey(pen, height > 100 ? 40 : 2, limited.length > 0, isMoved);
     if (this.at !== null && this.moments.length) {
       pen.fillStyle = tone("--pole");
       pen.fillRect(Math.round(x(this.find(this.at).now)) - 1, 0, 2, height);
@@ -146,10 +149,10 @@ export class Strip {
   }
 
   // On the left, where it covers what is oldest.
-  drawKey(pen, left, isLimited) {
+  drawKey(pen, left, isLimited, isMoved) {
     const words = [
       ["— contact time", tone("--curve")], ...(isLimited ? [["··· harm time", tone("--remark")]] : []),
-      ["-- stop time", tone("--pole")], ["▮ allowed speed", tone("--faint")],
+      ["-- stop time", tone("--pole")], [isMoved ? "▮ pace" : "▮ allowed speed", tone("--faint")],
     ];
     for (const [text, colour] of words) {
       this.write(pen, text, colour, left, TOP + 12);

@@ -5,15 +5,20 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armguard.app.cell import Cell
 from armguard.app.cli import Demo
 from armguard.exceptions import ArmguardError
+from armguard.lab.demo import nodes
 from armguard.lab.demo.launcher import run_demo, write_cell
 from armguard.lab.demo.nodes import make_sources
+from armguard.lab.demo.places import find_place
 from armguard.robot.description import find_robot
-from support.demo_processes import RunningDemo, finish
+from armguard.shield import Path as ArmPath
+from armguard.streams import VerdictReader
+from support.demo_processes import RunningDemo, finish, wait_until
 
 RECORDINGS = Path(
     os.environ.get("ARMGUARD_RECORDINGS", Path(__file__).parents[3] / "../shared/data/human-motion")
@@ -60,3 +65,36 @@ def test_a_real_person_is_supervised_over_the_same_streams(tmp_path):
     assert levels["STOP"] + levels["SLOW"] + levels["AWARE"] > 0
     assert 0.0 <= summary["min_contact_time"] < 1.0
     assert summary["message_faults"] == {}
+
+
+@pytest.mark.parametrize("robot", ["panda", "ur5e"])
+def test_a_shield_can_move_the_arm_of_its_cell(robot):
+    sources = make_sources(20.0, "", 0, 0)
+    cell = Cell.from_text(write_cell(robot, sources, "deadline", is_moved=True))
+    model, obstacles, monitor = cell.build()
+    shield = cell.make_shield(monitor)
+    waypoints = nodes.make_trajectory(model, find_place(robot), 0).waypoints
+    shield.set_path(ArmPath(waypoints[:2]))
+    q, v, now = waypoints[0], np.zeros(len(model.joints)), 0.0
+    for _ in range(25):
+        obstacles.update([], now, [], source="person")
+        command = shield.step(now, q, v)
+        now += monitor.period
+        q, v, _ = command.at(now)
+    assert command.reason is None
+    assert shield.progress > 0.0
+
+
+def test_a_shield_moves_the_arm_from_goal_to_goal(tmp_path):
+    arguments = ["--shield", "--duration", "8", "--no-view", "--json"]
+    with RunningDemo(*arguments, folder=tmp_path) as demo:
+        demo.wait_for_verdicts()
+        with VerdictReader(demo.verdicts) as reader:
+            assert wait_until(
+                lambda: reader.latest() and reader.command and reader.command.progress > 0.01
+            )
+            assert reader.command.refused is None
+        out, _ = finish(demo)
+    assert demo.process.returncode == 0
+    summary = json.loads(out)
+    assert "goal refused: goals" not in summary["message_faults"]

@@ -1,0 +1,77 @@
+"""A line a second of what a driver did, and how fast."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from armguard.drivers.arm import ArmState
+from armguard.drivers.link import Counts
+from armguard.verdict import Verdict
+
+INTERVAL = 1.0
+"""Between two lines, in [s]."""
+
+_KEPT = 10_000
+"""Durations of which percentiles are told."""
+
+
+class Latencies:
+    """Collects durations; each second they become a line."""
+
+    def __init__(self, begun: float) -> None:
+        self.counts = Counts()
+        self._next = begun + INTERVAL
+        self._ages: list[float] = []
+        self._obeyed: deque[float] = deque(maxlen=_KEPT)
+        self._verdicts_before = self._silences_before = 0
+        self._published = math.nan
+
+    def add_state(self, stamp: float, now: float) -> None:
+        """Count a joint state that was published, in [s] of the monotonic clock."""
+        self.counts.states += 1
+        self._ages.append(now - stamp)
+        gap = stamp - self._published
+        if gap > self.counts.longest_gap:
+            self.counts.longest_gap = gap
+        self._published = stamp
+
+    def add_stop(self, duration: float, *, was_silent: bool) -> None:
+        """Count a stop that was ordered `duration` [s] after the tick, or the verdict's end."""
+        counts = self.counts
+        counts.stops += 1
+        counts.silences += was_silent
+        self._obeyed.append(duration)
+        counts.obeyed_max = max(counts.obeyed_max, duration)
+        counts.obeyed_p99 = float(np.percentile(self._obeyed, 99.0))
+
+    def make_line(self, now: float, state: ArmState | None, verdict: Verdict | None) -> str:
+        """What the last second was like, once a second; otherwise empty.
+
+        Args:
+            now: In [s] of the monotonic clock.
+            state: The newest one.
+            verdict: The newest one.
+        """
+        if now < self._next:
+            return ""
+        self._next = now + INTERVAL
+        counts, ages = self.counts, self._ages
+        words = [f"{len(ages)} states"]
+        if ages:
+            p50, p99 = 1e3 * np.percentile(ages, [50.0, 99.0])
+            words.append(f"age p50 {p50:.1f}, p99 {p99:.1f}, max {1e3 * max(ages):.1f} ms")
+        words.append(f"{counts.verdicts - self._verdicts_before} verdicts")
+        if counts.stops:
+            p99, most = 1e3 * counts.obeyed_p99, 1e3 * counts.obeyed_max
+            words.append(f"{counts.stops} stops, ordered within p99 {p99:.1f}, max {most:.1f} ms")
+        if counts.silences > self._silences_before:
+            words.append(f"{counts.silences - self._silences_before} without a valid verdict")
+        words.append("no verdict yet" if verdict is None else verdict.level.name)
+        if state is not None:
+            words.append(f"slider {state.scale:.0%}, program {state.program.value}")
+        self._ages = []
+        self._verdicts_before, self._silences_before = counts.verdicts, counts.silences
+        return "; ".join(words)

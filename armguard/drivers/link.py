@@ -1,0 +1,62 @@
+"""What a driver's process tells the one that watches it: signs of life, lines, counts.
+
+The client library of a robot can hang or end its process, so another process watches. Each line of
+the pipe is a word and what belongs to it. A pipe that is full loses lines; the driver never waits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+
+import msgspec
+
+CONNECTING, DRIVING, TELL, COUNTS, MEASURED = "connecting", "driving", "tell", "counts", "measured"
+
+
+class Counts(msgspec.Struct):
+    """What a driver's process has done so far."""
+
+    states: int = 0
+    """Joint states published."""
+    verdicts: int = 0
+    """Times at which a new verdict was there."""
+    stops: int = 0
+    """Times at which the arm had to stop: for a STOP, or without a valid verdict."""
+    silences: int = 0
+    """Of these, without a valid verdict."""
+    hard_stops: int = 0
+    """Times at which pausing did not bring it to rest, and it was stopped."""
+    longest_gap: float = 0.0
+    """Between two joint states, in [s]."""
+    obeyed_p99: float = 0.0
+    """From the tick of a STOP until the robot was told, in [s]: 99 of 100 were faster."""
+    obeyed_max: float = 0.0
+    """The slowest of these, in [s]."""
+
+
+class Link:
+    """The driver's end of the pipe.
+
+    Args:
+        descriptor: Of the pipe.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        os.set_blocking(descriptor, False)
+
+    def send(self, word: str, text: str = "") -> None:
+        """Send a line, if there is room for it."""
+        line = f"{word} {' '.join(text.split())}\n".encode()
+        # Longer ones could be cut in two by a full pipe.
+        with contextlib.suppress(OSError):
+            os.write(self._descriptor, line[:4000].rstrip(b"\n") + b"\n")
+
+    def tell(self, text: str) -> None:
+        """Have a line told to people."""
+        self.send(TELL, text)
+
+    def count(self, counts: Counts) -> None:
+        """Send what was done so far."""
+        self.send(COUNTS, msgspec.json.encode(counts).decode())

@@ -1,0 +1,157 @@
+"""The two ports of a Universal Robots controller that take lines: the dashboard, and scripts.
+
+Plain sockets with timeouts: what stops the arm must work while the RTDE client hangs, and pausing a
+program must not hold up the joint states.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+
+from armguard.drivers.arm import ArmLostError
+
+DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30002, 30004
+
+TIMEOUT = 1.0
+"""How long the controller may take to answer while it is being connected, in [s]."""
+
+_HEADER = struct.Struct(">HB")
+_VERSION_REQUEST = _HEADER.pack(5, ord("V")) + struct.pack(">H", 2)
+"""RTDE: that the second version of the protocol be spoken."""
+
+
+class Dashboard:
+    """A connection to the dashboard server.
+
+    Args:
+        host: Of the controller.
+
+    Raises:
+        ArmLostError: It does not answer.
+    """
+
+    def __init__(self, host: str) -> None:
+        self._name = f"the dashboard at {host}:{DASHBOARD_PORT}"
+        self._received = b""
+        self._socket = _connect(host, DASHBOARD_PORT, TIMEOUT)
+        try:
+            self._read_line()  # its greeting
+        except ArmLostError:
+            self.close()
+            raise
+
+    def ask(self, line: str) -> str:
+        """Send a line, and wait for the answer.
+
+        Raises:
+            ArmLostError: It does not answer.
+        """
+        self.order(line)
+        self._socket.settimeout(TIMEOUT)
+        return self._read_line()
+
+    def order(self, line: str) -> None:
+        """Send a line, and wait for nothing.
+
+        Raises:
+            ArmLostError: It cannot be sent.
+        """
+        self._socket.setblocking(False)
+        try:
+            self._socket.send(line.encode() + b"\n")
+        except OSError as error:
+            raise ArmLostError(f"{self._name} cannot be reached ({error.strerror})") from None
+
+    def read_answers(self) -> list[str]:
+        """Answers that have arrived since.
+
+        Raises:
+            ArmLostError: It has ended the connection.
+        """
+        self._socket.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            self._receive()
+        *lines, self._received = self._received.split(b"\n")
+        return [line.decode(errors="replace").strip() for line in lines]
+
+    def _read_line(self) -> str:
+        while b"\n" not in self._received:
+            self._receive()
+        line, self._received = self._received.split(b"\n", 1)
+        return line.decode(errors="replace").strip()
+
+    def _receive(self) -> None:
+        try:
+            data = self._socket.recv(4096)
+        except BlockingIOError:
+            raise
+        except OSError:
+            raise ArmLostError(f"{self._name} does not answer") from None
+        if not data or len(self._received) > 65536:
+            raise ArmLostError(f"{self._name} has ended the connection")
+        self._received += data
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._socket.close()
+
+
+def check_rtde(host: str) -> None:
+    """See that something at the port of RTDE speaks its second version.
+
+    The client library waits without end for an answer, and ends its process where it does not
+    understand one, so this is asked first.
+
+    Raises:
+        ArmLostError: Nothing does.
+    """
+    name = f"RTDE at {host}:{RTDE_PORT}"
+    with _connect(host, RTDE_PORT, TIMEOUT) as connection:
+        try:
+            connection.sendall(_VERSION_REQUEST)
+            answer = b""
+            while len(answer) < 4 and (data := connection.recv(4 - len(answer))):
+                answer += data
+        except OSError:
+            raise ArmLostError(f"{name} does not answer") from None
+    if answer != _HEADER.pack(4, ord("V")) + b"\1":
+        raise ArmLostError(f"{name} does not speak version 2 of the protocol")
+
+
+def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool:
+    """Stop the arm by a script of one line, which takes the place of the program that runs.
+
+    Args:
+        host: Of the controller.
+        deceleration: In [rad/s²].
+        timeout: How long to wait for a connection, in [s].
+
+    Returns:
+        Whether it could be sent. The controller gives no answer: only joint states show whether it
+        has obeyed.
+    """
+    try:
+        with _connect(host, SCRIPT_PORT, timeout) as connection:
+            connection.sendall(f"stopj({deceleration:.3f})\n".encode())
+            # Data that nobody reads would end the connection before the line is taken.
+            connection.shutdown(socket.SHUT_WR)
+            connection.settimeout(0.02)
+            while connection.recv(65536):
+                pass
+    except TimeoutError:
+        return True
+    except (OSError, ArmLostError):
+        return False
+    return True
+
+
+def _connect(host: str, port: int, timeout: float) -> socket.socket:
+    try:
+        connection = socket.create_connection((host, port), timeout)
+    except OSError as error:
+        reason = error.strerror or "no answer"
+        raise ArmLostError(f"{host}:{port} cannot be reached ({reason})") from None
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return connection

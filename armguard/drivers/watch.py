@@ -1,0 +1,242 @@
+"""Watches a driver's process: stops the robot and starts another process where it hangs or ends.
+
+The client library of a robot hangs on one that is silent, and ends its process on data that it
+does not understand. So each connection is a process of its own, and this one needs neither the
+library nor the robot's answers to stop the arm.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import msgspec
+
+from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, Counts
+from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.ur_lines import stop_by_script
+from armguard.exceptions import ArmguardError
+
+HANGING = 0.25
+"""Silence of a driver that drives, in [s], after which it counts as hanging."""
+
+CONNECT_TIMEOUT = 12.0
+"""Silence of one that connects, in [s]; it ends itself a little sooner."""
+
+RETRY = 0.5
+"""Between the end of a process and the start of the next, in [s]."""
+
+END_TIMEOUT = 2.0
+"""How long a process may take to end when it is told to, in [s]."""
+
+_WAIT = 0.05
+_LONGEST_LINE = 65536
+
+
+class Report(msgspec.Struct):
+    """What all processes of a driver have done."""
+
+    counts: Counts
+    """Sums, and the longest of each duration."""
+    connections: int = 0
+    """Processes that drove."""
+    lost: int = 0
+    """Times at which the robot was lost, or the process ended or hung."""
+    measured: str = ""
+    """Lines of a measurement."""
+    problem: str = ""
+    """Why there is no measurement."""
+
+
+class _Driver:
+    """One process of a driver, and what it has told."""
+
+    def __init__(self, options: DriveOptions) -> None:
+        reading, writing = os.pipe()
+        described = msgspec.structs.replace(options, parent=os.getpid(), link=writing)
+        try:
+            self.process = subprocess.Popen(
+                [
+                    sys.executable,
+                    "-m",
+                    "armguard.drivers",
+                    msgspec.json.encode(described).decode(),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=[writing],
+                start_new_session=True,  # a Ctrl-C is for this process, which ends it in due order
+            )
+        finally:
+            os.close(writing)
+        assert self.process.stdout is not None
+        self.library = self.process.stdout.fileno()
+        self.link = reading
+        self.is_driving = False
+        self.heard = time.monotonic()
+        self.counts = Counts()
+        self._received = {self.link: b"", self.library: b""}
+
+    def read(self, timeout: float) -> list[tuple[str, str]]:
+        """Words and texts that have come, waiting up to `timeout` [s] for them."""
+        found = []
+        open_ones = list(self._received)
+        for descriptor in select.select(open_ones, [], [], timeout if open_ones else 0.0)[0]:
+            data = os.read(descriptor, _LONGEST_LINE)
+            if not data:
+                del self._received[descriptor]
+                continue
+            *lines, rest = (self._received[descriptor] + data).split(b"\n")
+            self._received[descriptor] = rest[-_LONGEST_LINE:]
+            for line in lines:
+                text = line.decode(errors="replace")
+                if descriptor == self.library:
+                    found.append((TELL, f"client library: {text}"))
+                else:
+                    word, _, rest_of_line = text.partition(" ")
+                    found.append((word, rest_of_line))
+        return found
+
+    @property
+    def is_hanging(self) -> bool:
+        """Whether it has given no sign of life for too long."""
+        return time.monotonic() - self.heard > (HANGING if self.is_driving else CONNECT_TIMEOUT)
+
+    def close(self) -> None:
+        """End it, and its descriptors."""
+        self.process.kill()
+        self.process.wait()
+        os.close(self.link)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def check_library(driver: str) -> None:
+    """Raise ArmguardError where the client library of a robot is not installed."""
+    if importlib.util.find_spec("rtde_receive") is None:
+        raise ArmguardError(
+            f"driver {driver!r}",
+            "needs ur_rtde, which is not installed",
+            remedy="pip install 'armguard[ur]'",
+        )
+
+
+def watch(
+    options: DriveOptions,
+    tell: Callable[[str], None],
+    is_ending: Callable[[], bool],
+    duration: float,
+) -> Report:
+    """Drive a robot until the end, by as many processes as it takes.
+
+    Args:
+        options: What to drive.
+        tell: Takes lines for people.
+        is_ending: Whether to end now.
+        duration: How long to drive at most, in [s].
+
+    Returns:
+        What was done.
+
+    Raises:
+        ArmguardError: Another robot answers than the cell file names.
+    """
+    report = Report(Counts())
+    end = time.monotonic() + duration
+    told: set[str] = set()
+
+    def is_over() -> bool:
+        return is_ending() or time.monotonic() >= end
+
+    while not is_over():
+        driver = _Driver(options)
+        try:
+            code = _attend(driver, options, report, tell, told, is_over)
+        finally:
+            driver.close()
+            _add(report.counts, driver.counts)
+        report.connections += driver.is_driving
+        if code == 0:
+            break
+        if code == WRONG_ARM:
+            raise ArmguardError(
+                "robot", "; ".join(sorted(told)) or "cannot be driven", remedy="see the cell file"
+            )
+        report.lost += driver.is_driving
+        if driver.is_driving:
+            told.clear()  # what is wrong now is news
+        pause_end = time.monotonic() + RETRY
+        while not is_over() and time.monotonic() < pause_end:
+            time.sleep(_WAIT)
+    return report
+
+
+def _attend(
+    driver: _Driver,
+    options: DriveOptions,
+    report: Report,
+    tell: Callable[[str], None],
+    told: set[str],
+    is_over: Callable[[], bool],
+) -> int:
+    """Attend one process until it ends, by itself or from here. Returns its exit code."""
+    while driver.process.poll() is None:
+        for word, text in driver.read(_WAIT):
+            _take(driver, word, text, report, tell, told)
+        if is_over():
+            driver.process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                driver.process.wait(END_TIMEOUT)
+            if driver.process.returncode is None:
+                stop_by_script(options.host, options.deceleration)
+            break
+        if driver.is_hanging:
+            driver.process.kill()
+            stop_by_script(options.host, options.deceleration)
+            tell("the driver's process hung: it was ended, and the arm was told to stop")
+            return LOST
+    else:
+        if driver.process.returncode not in (0, WRONG_ARM, LOST):
+            # Nobody else can stop the arm now.
+            stop_by_script(options.host, options.deceleration)
+            if driver.is_driving:
+                tell("the driver's process has ended by itself: the arm was told to stop")
+    for word, text in driver.read(0.0):
+        _take(driver, word, text, report, tell, told)
+    return 0 if driver.process.returncode is None else driver.process.returncode
+
+
+def _take(
+    driver: _Driver,
+    word: str,
+    text: str,
+    report: Report,
+    tell: Callable[[str], None],
+    told: set[str],
+) -> None:
+    """Take a line of the driver's; of lines that are told again and again one is enough."""
+    driver.heard = time.monotonic()
+    if word == DRIVING:
+        driver.is_driving = True
+    elif word == COUNTS:
+        with contextlib.suppress(msgspec.DecodeError):
+            driver.counts = msgspec.json.decode(text, type=Counts)
+    elif word == MEASURED:
+        failed, measured = msgspec.json.decode(text, type=tuple[bool, str])
+        report.problem, report.measured = (measured, "") if failed else ("", measured)
+    elif word == TELL and (driver.is_driving or text not in told):
+        told.add(text)
+        tell(text)
+
+
+def _add(total: Counts, part: Counts) -> None:
+    for name in total.__struct_fields__:
+        mine, other = getattr(total, name), getattr(part, name)
+        setattr(total, name, mine + other if isinstance(mine, int) else max(mine, other))

@@ -1,0 +1,160 @@
+"""What a shield answers in each step: the motion that the arm is to follow to its rest."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from armguard.messages.incoming import PACKED, Rows, to_rows, to_values
+from armguard.messages.reasons import ReasonMessage
+
+SAME_PLACE = 1e-4
+"""Motions that are no farther apart than this join, in [rad] or [m]."""
+
+SAME_VELOCITY = 1e-3
+"""Alike, in [rad/s] or [m/s]."""
+
+
+class Samples(NamedTuple):
+    """Of a motion; cubic between them."""
+
+    times: NDArray[np.float64]
+    """In [s] from the stamp of the motion, rising from 0. Shape (k,)."""
+    q: NDArray[np.float64]
+    """In [rad] or [m]. Shape (k, nv)."""
+    v: NDArray[np.float64]
+    """In [rad/s] or [m/s]. Shape (k, nv)."""
+    a: NDArray[np.float64]
+    """In [rad/s²] or [m/s²]. Shape (k, nv)."""
+
+
+class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=True):
+    """A `Command` on the wire: times on the machine's monotonic clock."""
+
+    sequence: int
+    """of the verdict of the same tick"""
+    stamp: float
+    """when the motion begins, [s] of the machine's monotonic clock"""
+    take_up_by: float
+    """who has not taken the motion up by then goes on along the one before; [s] of the machine's
+    monotonic clock"""
+    valid_until: float
+    """when the arm rests at its end: it may be followed until then, whatever is silent; [s] of the
+    machine's monotonic clock"""
+    names: list[str]
+    """of the joints, in the order of the rows"""
+    times: bytes | list[float]
+    """of the samples, [s] from `stamp`, rising from 0; empty where nothing is known of where the
+    arm is"""
+    q: Rows
+    """positions at the samples, [rad] or [m]: one row a time, one value a name; the curve between
+    samples is cubic"""
+    v: Rows
+    """velocities at the samples, [rad/s] or [m/s]"""
+    a: Rows
+    """accelerations at the samples, [rad/s²] or [m/s²]"""
+    moving: bool
+    """whether the arm moves from now on"""
+    scale: float
+    """how fast the arm goes, as a share of what was asked for: pace along the path, or share of
+    velocities; 0 to 1"""
+    progress: float
+    """how far the arm has come on its path, 0 to 1; 0 without a path"""
+    executed: int
+    """how many points of a chunk it passes before its stop begins"""
+    stop: Literal["finish", "brake"] | None
+    """`"brake"` where the motion is not proved any more: then the arm is to brake by its own means,
+    if it can do so sooner than this motion does; nil otherwise"""
+    reason: ReasonMessage | None
+    """why the arm does not go on as fast as it was asked to; nil: it does"""
+    contact_speed: float | None
+    """greatest speed at which this motion could touch what may be touched, [m/s]; nil where no
+    contact limits are stated"""
+    goal: int | None
+    """number of the newest goal that was taken; nil before any, and after a reset"""
+    refused: int | None
+    """number of the newest goal that was refused; nil before any"""
+    problem: str
+    """why it was refused; empty before any"""
+
+    def read(self) -> Samples:
+        """The samples of the motion.
+
+        Raises:
+            MessageError: Their numbers do not fit each other.
+        """
+        times, width = self.times, len(self.names)
+        count = len(times) // 8 if isinstance(times, bytes) else len(times)
+        rows = ((name, getattr(self, name)) for name in ("q", "v", "a"))
+        return Samples(
+            to_values("times", times, count),
+            *(to_rows(name, values, width, count) for name, values in rows),
+        )
+
+    def at(self, time: float) -> tuple[NDArray[np.float64], ...]:
+        """Where the arm is to be at a time; before its beginning and after its end it rests there.
+
+        Args:
+            time: In [s] of the machine's monotonic clock; there must be samples.
+
+        Returns:
+            Positions, velocities and accelerations, in [rad] or [m], and by [s] and [s²]. Shape
+            (nv,) each.
+        """
+        times, q, v, a = self.read()
+        k = min(max(int(np.searchsorted(times, time - self.stamp)), 1), len(times) - 1)
+        h = times[k] - times[k - 1]
+        u = min(max((time - self.stamp - times[k - 1]) / h, 0.0), 1.0)
+        # Cubic Hermite, as the motion was proved.
+        way, first, last = q[k] - q[k - 1], h * v[k - 1], h * v[k]
+        square, cube = 3.0 * way - 2.0 * first - last, first + last - 2.0 * way
+        return (
+            q[k - 1] + u * (first + u * (square + u * cube)),
+            (first + u * (2.0 * square + 3.0 * u * cube)) / h,
+            (1.0 - u) * a[k - 1] + u * a[k],
+        )
+
+    def joins(self, q: ArrayLike, v: ArrayLike, now: float) -> bool:
+        """Whether an arm that follows another motion may take this one up.
+
+        Args:
+            q: Where that motion has the arm at `now`, in [rad] or [m]. Shape (nv,).
+            v: And how fast, in [rad/s] or [m/s]. Shape (nv,).
+            now: In [s] of the machine's monotonic clock.
+        """
+        if not (len(self.times) and now <= self.take_up_by):
+            return False
+        place, speeds, _ = self.at(now)
+        apart = np.abs(place - np.asarray(q, float)), np.abs(speeds - np.asarray(v, float))
+        return bool((apart[0] <= SAME_PLACE).all() and (apart[1] <= SAME_VELOCITY).all())
+
+
+def pack(values: NDArray[np.float64]) -> bytes:
+    """Numbers as they go over the wire."""
+    return np.ascontiguousarray(values, PACKED).tobytes()
+
+
+def move_clock(message: CommandMessage, offset: float) -> CommandMessage:
+    """The same on another clock; never to be taken up or followed for too long.
+
+    Args:
+        message: In the monitor's own time.
+        offset: Machine's monotonic clock minus the monitor's, in [s].
+    """
+    return msgspec.structs.replace(
+        message,
+        stamp=message.stamp + offset,
+        take_up_by=math.nextafter(message.take_up_by + offset, -math.inf),
+        valid_until=math.nextafter(message.valid_until + offset, -math.inf),
+    )
+
+
+def unpack(message: CommandMessage) -> CommandMessage:
+    """The same with lists of numbers, for JSON."""
+    samples = message.read()
+    lists = {name: rows.tolist() for name, rows in samples._asdict().items()}
+    return msgspec.structs.replace(message, **lists)

@@ -1,0 +1,49 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armguard.drivers.stamp_filter import WINDOW, StampFilter
+
+PERIOD = 0.002
+
+
+@given(
+    st.floats(-1e6, 1e6),
+    st.lists(st.floats(0.0, 0.02), min_size=1, max_size=200),
+    st.floats(0.0, 0.001),
+)
+def test_a_stamp_lies_between_the_measurement_and_the_arrival(apart, jitter, least):
+    stamps = StampFilter()
+    for number, more in enumerate(jitter):
+        measured = 100.0 + PERIOD * number
+        arrived = measured + least + more
+        stamp = stamps.translate(measured - apart, arrived)
+        assert measured + least - 1e-6 <= stamp <= arrived + 1e-6
+
+
+def test_states_that_arrive_together_keep_their_distance():
+    stamps = StampFilter()
+    stamps.translate(5.0, 100.0)
+    held_up = [stamps.translate(5.0 + PERIOD * k, 100.3) for k in range(1, 100)]
+    assert held_up == pytest.approx([100.0 + PERIOD * k for k in range(1, 100)], abs=1e-9)
+
+
+@pytest.mark.parametrize("drift", [-1e-4, 1e-4])
+def test_clocks_that_drift_are_followed(drift):
+    stamps = StampFilter()
+    worst = 0.0
+    for number in range(int(60.0 / PERIOD)):
+        measured = PERIOD * number
+        stamp = stamps.translate(measured * (1.0 + drift), measured + 0.0005)
+        worst = max(worst, abs(stamp - measured - 0.0005))
+        assert stamp <= measured + 0.0005 + 1e-9
+    assert worst <= 2.0 * WINDOW * abs(drift) + 1e-6
+
+
+def test_another_clock_does_not_fit():
+    stamps = StampFilter()
+    assert stamps.fits(7.0, 100.0), "nothing is known of the first one"
+    stamps.translate(7.0, 100.0)
+    assert stamps.fits(7.5, 100.9)
+    for stamp in (0.1, 1e300, float("nan"), float("inf")):
+        assert not stamps.fits(stamp, 100.1)

@@ -1,0 +1,59 @@
+"""What the driver asks of a robot before the client library; test_watch.py has the library."""
+
+import msgspec
+import pytest
+
+from armguard.drivers.arm import ArmLostError, WrongArmError
+from armguard.drivers.ur import UrArm
+from armguard.lab.simulation.ur_controller import UrController
+from support.driven_cell import OPTIONS, find_host
+
+FAMILIES = ["UR3", "UR3e", "UR5", "UR5e", "UR10", "UR10e"]
+
+
+class _Checked(Exception):  # noqa: N818
+    """The dashboard has agreed."""
+
+
+@pytest.fixture
+def connect(monkeypatch):
+    """Connects up to where the client library would be loaded."""
+
+    def stop(self, options):
+        raise _Checked
+
+    monkeypatch.setattr(UrArm, "_connect", stop)
+
+    def connect(controller, **changes):
+        with controller:
+            UrArm(msgspec.structs.replace(OPTIONS, host=controller.host, **changes))
+
+    return connect
+
+
+@pytest.mark.parametrize("model", FAMILIES)
+@pytest.mark.parametrize("answer", ["UR3", "UR5", "UR10", "UR5e"])
+def test_the_model_is_that_of_the_cell_with_or_without_its_e(connect, model, answer):
+    same = model.removesuffix("e") == answer.removesuffix("e")
+    with pytest.raises(_Checked if same else WrongArmError):
+        connect(UrController(find_host(), answer), model=model)
+
+
+def test_a_robot_in_local_control_is_refused(connect):
+    controller = UrController(find_host())
+    controller.is_remote = False
+    with pytest.raises(ArmLostError, match="not in remote control: switch it on"):
+        connect(controller)
+
+
+def test_each_safety_mode_in_which_it_stands_has_words():
+    arm = object.__new__(UrArm)
+    arm._payload = 5.0
+    for mode in (1, 2):
+        assert arm._find_trouble(7, mode, 5.0) == ""
+    for mode in range(3, 20):
+        assert "the robot " in arm._find_trouble(7, mode, 5.0)
+    for mode in (-1, 0, 1, 2, 3, 4, 5, 6, 8, 99):
+        assert "switch it on" in arm._find_trouble(mode, 1, 5.0)
+    for payload in (5.1, float("nan"), float("inf")):
+        assert "payload" in arm._find_trouble(7, 1, payload)

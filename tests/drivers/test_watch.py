@@ -1,0 +1,235 @@
+"""The whole of a driver: processes, the maker's client library, and a simulated controller."""
+
+import json
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from armguard.drivers.link import Counts
+from armguard.drivers.ur import JOINTS
+from armguard.drivers.watch import Report, check_library
+from armguard.exceptions import ArmguardError
+from armguard.lab.simulation.ur_controller import (
+    PAUSED,
+    POWER_OFF,
+    RUNNING,
+    STOPPED,
+)
+from armguard.verdict import Level
+from support.driven_cell import DrivenCell
+from support.waiting import wait_until
+
+pytest.importorskip("rtde_receive", reason="ur-rtde is not installed")
+
+NAMES = list(JOINTS)
+
+
+def test_a_program_runs_while_verdicts_allow_it(tmp_path):
+    with DrivenCell(tmp_path, "--json") as cell:
+        controller, monitor = cell.controller, cell.monitor
+        cell.wait_until_moving()
+
+        monitor.tell(Level.SLOW, 0.25)
+        wait_until(lambda: abs(controller.pace - 0.25) < 0.001)
+        monitor.tell(Level.STOP)
+        cell.wait_until_resting()
+        wait_until(lambda: controller.program == PAUSED)
+
+        controller.play()  # somebody does, during a STOP
+        wait_until(lambda: controller.program == PAUSED)
+        assert controller.pace <= 0.011
+
+        monitor.tell(Level.CLEAR)
+        cell.wait_until_moving()
+
+        controller.loses = 0.5  # packages
+        before = len(monitor.states)
+        wait_until(lambda: len(monitor.states) > before + 100)
+        assert controller.pace > 0.99
+        controller.loses = 0.0
+
+        monitor.is_silent = True
+        cell.wait_until_resting()
+        wait_until(lambda: controller.program == PAUSED)
+        monitor.start_anew()
+        monitor.is_silent = False
+        cell.wait_for("the monitor was started anew")
+        time.sleep(0.5)
+        cell.play()
+
+        assert "stopj" not in [one.order for one in controller.received]
+        assert cell.end() == 0
+        cell.wait_until_resting()
+        report = json.loads(cell.output)
+        assert report["counts"]["stops"] >= 2
+        assert report["counts"]["silences"] >= 1
+        assert report["lost"] == report["counts"]["hard_stops"] == 0
+        check_states([state for _, state in monitor.states])
+
+
+def check_states(states):
+    """Stamps rise, and positions are where velocities bring the joints between them."""
+    assert all(state.names == NAMES for state in states)
+    stamps = np.array([state.stamp for state in states])
+    q = np.array([np.frombuffer(state.q) for state in states])
+    v = np.array([np.frombuffer(state.v) for state in states])
+    assert (np.diff(stamps) > 0.0).all()
+    assert stamps[-1] <= time.monotonic()
+    assert np.abs(v).max() > 0.1
+    # Where joints do not change their speed, each state follows from the one before.
+    steady = (np.abs(np.diff(v, axis=0)) < 0.01).all(axis=1) & (np.diff(stamps) < 0.1)
+    moved = np.diff(q, axis=0)[steady] - (v[1:] * np.diff(stamps)[:, None])[steady]
+    assert np.abs(moved).mean() < 0.002
+
+
+def test_a_robot_or_a_driver_that_fails_leaves_no_arm_moving_and_is_connected_anew(tmp_path):
+    with DrivenCell(tmp_path) as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        for fault in (
+            lambda: cell.kill_driver(signal.SIGKILL),
+            lambda: cell.kill_driver(signal.SIGSTOP),
+            controller.cut,
+            lambda: controller.send_garbage(b"\xff" * 3000),
+            lambda: controller.send_garbage(b"\0" * 300),
+        ):
+            before = cell.find_driver()
+            fault()
+            cell.wait_until_resting()
+            wait_until(lambda: controller.program == STOPPED)
+            cell.wait_until_driving(before)
+            cell.play()
+
+        seen = len(cell.monitor.states)
+        controller.send_garbage(b"\0\4U\1" + b"\0\3M" * 5)
+        wait_until(lambda: len(cell.monitor.states) > seen + 50)
+        for _, state in cell.monitor.states[seen:]:
+            assert np.abs(np.frombuffer(state.q)).max() < 3.0
+            assert np.abs(np.frombuffer(state.v)).max() < 1.0
+
+        controller.is_frozen = True
+        cell.wait_for("the robot has sent no state")
+        cell.wait_for("does not answer")
+        controller.refuses = True
+        controller.is_frozen = False
+        cell.wait_for("has ended the connection")
+        time.sleep(2.0)
+        assert sum("has ended the connection" in line for line in cell.lines) < 4, "told once"
+        controller.refuses = False
+        cell.wait_until_driving()
+
+
+def test_a_command_that_is_killed_takes_its_driver_along_which_stops_the_arm(tmp_path):
+    with DrivenCell(tmp_path) as cell:
+        cell.wait_until_moving()
+        driver = cell.find_driver()
+        cell.process.kill()
+        cell.wait_until_resting()
+        wait_until(lambda: not os.path.exists(f"/proc/{driver}/exe"))
+        cell.start()
+        cell.wait_until_driving()
+        assert cell.controller.pace == 0.0, "nobody has started the program"
+
+
+def test_with_both_processes_dead_the_watchdog_of_the_controller_pauses_the_program(tmp_path):
+    with DrivenCell(tmp_path, has_watchdog=True) as cell:
+        cell.wait_until_moving()
+        cell.process.send_signal(signal.SIGSTOP)
+        cell.kill_driver()
+        cell.wait_until_resting()
+        assert cell.controller.program == PAUSED
+        cell.process.send_signal(signal.SIGCONT)
+
+
+def test_a_robot_that_cannot_be_driven_says_why_and_is_not_started_again(tmp_path):
+    with DrivenCell(tmp_path, more="stop_within = 0.5") as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+
+        controller.stop_protectively()
+        cell.wait_for("is in a protective stop: see what it hit")
+        controller.recover()
+        cell.wait_for("the robot can be driven again")
+        time.sleep(0.5)
+        cell.play()
+
+        controller.payload = 7.0
+        cell.wait_for("state `payload` in the cell file")
+        wait_until(lambda: controller.program == PAUSED)
+        controller.payload = 0.0
+        time.sleep(0.5)
+        cell.play()
+
+        controller.mode = POWER_OFF
+        cell.wait_for("is switched off: switch it on")
+        controller.mode = RUNNING
+        time.sleep(0.5)
+        wait_until(lambda: controller.program == PAUSED)
+        cell.play()
+
+        controller.obeys_pause = False
+        controller.ignores_slider = True
+        cell.monitor.tell(Level.STOP)
+        cell.wait_for("stopping it, which ends its program")
+        cell.wait_until_resting()
+        wait_until(lambda: controller.program == STOPPED)
+
+        controller.slider_in_use = True
+        controller.cut()
+        cell.wait_for("another client of the robot has the speed slider")
+        controller.is_remote = False
+        cell.wait_for("is not in remote control")
+
+
+def test_another_robot_than_that_of_the_cell_is_refused(tmp_path):
+    with DrivenCell(tmp_path, model="UR10") as cell:
+        assert cell.process.wait(60.0) == 2
+        wait_until(lambda: cell.has("is a UR10, no UR5e"))
+        assert len([line for line in cell.lines if line.startswith("armguard: robot")]) == 1
+
+
+def test_what_is_not_installed_is_told_with_the_remedy(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ArmguardError, match=r"pip install 'armguard\[ur\]'"):
+        check_library("ur")
+
+
+def test_a_report_is_plain_data():
+    assert json.loads(json.dumps(Report(Counts()).__struct_fields__))
+
+
+@pytest.mark.skipif("ARMGUARD_DRIVE_MINUTE" not in os.environ, reason="takes more than a minute")
+def test_a_minute_at_full_rate_with_a_stop_every_other_second(tmp_path):
+    with DrivenCell(tmp_path, "--json") as cell:
+        cell.wait_until_moving()
+        begun, reached, rested = time.monotonic(), [], []
+        while time.monotonic() - begun < 60.0:
+            time.sleep(0.5)
+            seen = len(cell.controller.received)
+            cell.monitor.tell(Level.STOP)
+            wait_until(lambda: cell.controller.slider == 0.01)
+            told = next(
+                one.time for one in cell.controller.received[seen:] if one.order == "slider"
+            )
+            reached.append(told - cell.monitor.changed)
+            cell.wait_until_resting()
+            rested.append(time.monotonic() - cell.monitor.changed)
+            wait_until(lambda: cell.controller.program == PAUSED)
+            cell.monitor.tell(Level.CLEAR)
+            cell.wait_until_moving()
+        duration = time.monotonic() - begun
+        stamps = np.array([state.stamp for _, state in cell.monitor.states])
+        assert cell.end() == 0
+        report = json.loads(cell.output)
+        sys.stderr.write(
+            f"{len(reached)} stops in {duration:.1f} s, {len(stamps) / duration:.0f} states/s; "
+            f"STOP to slider p50 {1e3 * np.median(reached):.1f}, "
+            f"p99 {1e3 * np.percentile(reached, 99):.1f}, max {1e3 * max(reached):.1f} ms; "
+            f"at rest within {max(rested):.2f} s; {report}\n"
+        )
+        assert report["lost"] == 0
+        assert np.percentile(reached, 99) < 0.05
