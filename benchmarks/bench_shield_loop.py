@@ -9,12 +9,14 @@ A shield commands the arm at 250 Hz, and a controller follows its commands as we
 (`scene/simulated_arm.py`). How well that is, is measured first without people, and then stated to
 the shield. Contacts are counted by the true distances of the links in each millisecond in which
 the arm moves. As a control, the same arm goes the same ways and is shown nobody. The page is
-written anew after each case, so a run may be ended early.
+written anew after each case. With `--rows` a run that was ended goes on with the cases that are
+left.
 """
 
 from __future__ import annotations
 
 import argparse
+import pickle
 import shlex
 import sys
 import time
@@ -122,8 +124,8 @@ class Workplace:
             free = rows[0].played.progress if rows else played.progress
             rows.append(
                 Row(
-                    case.arm, case.speed, people.name, case.placement, case.seed,
-                    None if mover is self._blind else mover.setting, self._following, free,
+                    *find_key(case), None if mover is self._blind else mover.setting,
+                    self._following, free,
                     played, arm.share, arm.steps_off, arm.least_gap,
                 )
             )  # fmt: skip
@@ -183,6 +185,26 @@ def play_case(run: Run, case: Case) -> list[Row]:
     return _workplaces[what].play(case, find_people(case.path, case.placement), run.seconds)
 
 
+def list_cases(options: argparse.Namespace) -> list[Case]:
+    """All cases; the first ones have every recording, and every place of the base, already."""
+    paths = recorded.find_recordings()[: options.recordings]
+    places = range(options.placements)
+    return [
+        Case(arm, speed, path, place, options.seeds * place + seed)
+        for seed in range(options.seeds)
+        for shift in places
+        for number, path in enumerate(paths)
+        for place in [places[(number + shift) % len(places)]]
+        for arm in options.arms
+        for speed in options.speeds
+    ]
+
+
+def find_key(case: Case) -> tuple[object, ...]:
+    """What its rows begin with."""
+    return case.arm, case.speed, case.path.stem, case.placement, case.seed
+
+
 def play_all(run: Run, cases: list[Case], jobs: int) -> Iterator[list[Row]]:
     """What came of each case, in as many processes."""
     given = [run] * len(cases), cases
@@ -206,42 +228,41 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1, help="trajectories at each of them")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they slow steps down")
-    parser.add_argument("--out", type=Path, help="page to write; default: print it")
+    parser.add_argument("--rows", type=Path, help="file of what was found, to go on with later")
+    parser.add_argument("--out", type=Path, help="page to write after each case")
     return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> list[Row]:
-    """Play all cases, and print or write the page; all that was found."""
+    """Play all cases, and print the page or write it as well; all that was found."""
     options = read_options(arguments)
     settings = [
         Setting(REACTION, age, bounds) for bounds in recorded.BOUNDS for age in options.ages
     ]
     run = Run(options.seconds, tuple(settings))
-    cases = [
-        Case(arm, speed, path, placement, options.seeds * placement + seed)
-        for seed in range(options.seeds)
-        for placement in range(options.placements)
-        for path in recorded.find_recordings()[: options.recordings]
-        for arm in options.arms
-        for speed in options.speeds
-    ]
+    cases = list_cases(options)
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
-    command = f"python benchmarks/bench_shield_loop.py {words}".strip()
-    machine = describe_machine(load=False)
+    facts = {
+        "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
+        "machine": describe_machine(load=False), "load": LOAD, "near": 1e3 * NEAR,
+        "margin": MARGIN, "drill": DRILL_EVERY, "drilled": DRILLS * DRILL_SECONDS,
+    }  # fmt: skip
     rows: list[Row] = []
-    for done, some in enumerate(play_all(run, cases, options.jobs), 1):
+    if options.rows is not None and options.rows.exists():
+        rows = pickle.loads(options.rows.read_bytes())
+    played = {row[:5] for row in rows}
+    left = [case for case in cases if find_key(case) not in played]
+    for done, some in enumerate(play_all(run, left, options.jobs), 1 + len(cases) - len(left)):
         rows += some
-        page = write_page(
-            rows, PERIOD, command=command, machine=machine, load=LOAD,
-            near=1e3 * NEAR, margin=MARGIN, drill=DRILL_EVERY, drilled=DRILLS * DRILL_SECONDS,
-        )  # fmt: skip
         shown = [row for row in rows if row.setting is not None]
         contacts = sum(row.played.missed for row in shown)
         hours = find_hours(shown, PERIOD)
         print(f"{done} of {len(cases)} cases, {hours:.2f} h, {contacts} contacts", flush=True)
+        if options.rows is not None:
+            options.rows.write_bytes(pickle.dumps(rows))
         if options.out is not None:
-            options.out.write_text(page, encoding="utf-8")
-    print(page if options.out is None else f"wrote {options.out}")
+            options.out.write_text(write_page(rows, PERIOD, **facts), encoding="utf-8")
+    print(write_page(rows, PERIOD, **facts))
     return rows
 
 
