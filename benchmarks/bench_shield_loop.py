@@ -243,10 +243,14 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     cases = list_cases(options)
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
     facts = {
-        "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
+        "cases": len(cases), "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
         "machine": describe_machine(load=False), "load": LOAD, "near": 1e3 * NEAR,
         "margin": MARGIN, "drill": DRILL_EVERY, "drilled": DRILLS * DRILL_SECONDS,
     }  # fmt: skip
+
+    def make_page() -> str:
+        return write_page(rows, PERIOD, done=len({row[:5] for row in rows}), **facts)
+
     rows: list[Row] = []
     if options.rows is not None and options.rows.exists():
         rows = pickle.loads(options.rows.read_bytes())
@@ -261,8 +265,8 @@ def main(arguments: list[str] | None = None) -> list[Row]:
         if options.rows is not None:
             options.rows.write_bytes(pickle.dumps(rows))
         if options.out is not None:
-            options.out.write_text(write_page(rows, PERIOD, **facts), encoding="utf-8")
-    print(write_page(rows, PERIOD, **facts))
+            options.out.write_text(make_page(), encoding="utf-8")
+    print(make_page())
     return rows
 
 
