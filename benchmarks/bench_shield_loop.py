@@ -28,7 +28,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 import bench_recordings as recorded
-from armguard.lab.simulation import JointTrajectory
+from armguard.lab.simulation import JointTrajectory, Recording
+from armguard.lab.simulation.bodies import POINTS
 from armguard.robot import Robot
 from armguard.shield import Command
 from scene.contestants import make_operating
@@ -43,6 +44,10 @@ JERK = 500.0  # of all joints, [rad/s³]
 LOOK_AHEAD = 0.03  # [s]
 PERIOD = 0.004  # of the shield's steps, [s]
 REACTION = 0.02  # of the brakes, [s]
+
+PLACES = (0.5, 0.0), (0.65, 60.0), (0.65, -60.0), (0.8, 0.0)
+"""Of the arm's base: how far it is from where the hands are mostly, in [m], and its direction from
+there, as seen from the way the person faces, in degrees. It faces the hands."""
 
 PRESUMED = Following(PERIOD, 0.05, 1.0)  # while tracking errors are measured
 MARGIN = 1.5  # what is stated, as a share of what was measured
@@ -172,9 +177,25 @@ def find_people(path: Path, placement: int) -> People:
     """Of a recording, seen from one place; kept by this process."""
     place = path, placement
     if place not in _people:
-        base = recorded.place_base(*recorded.PLACEMENTS[placement])
-        _people[place] = People(path, base, recorded.BOUNDS)
+        _people[place] = People(path, place_base(path, *PLACES[placement]), recorded.BOUNDS)
     return _people[place]
+
+
+def place_base(path: Path, distance: float, degrees: float) -> np.ndarray:
+    """A recording's origin, as seen from the arm's base. Shape (4, 4).
+
+    Args:
+        path: Of the recording.
+        distance: As in `PLACES`.
+        degrees: As in `PLACES`.
+    """
+    position = Recording(path).position
+    hands = [POINTS.index(f"{side}_hand") for side in ("left", "right")]
+    middle = np.nanmedian(position[:, hands], axis=(0, 1))
+    ahead = middle - np.nanmedian(position[:, POINTS.index("hip")], axis=0)
+    angle = np.arctan2(ahead[1], ahead[0]) + np.radians(degrees)
+    x, y = middle[:2] + distance * np.array([np.cos(angle), np.sin(angle)])
+    return recorded.place_base(x, y, float(np.degrees(angle)) + 180.0)
 
 
 def play_case(run: Run, case: Case) -> list[Row]:
@@ -223,8 +244,8 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--speeds", default=[0.3, 0.8], help="of the fastest joint [rad/s]", **some)
     parser.add_argument("--ages", default=[0.0, 0.05], help="of new samples [s]", **some)
     parser.add_argument("--seconds", type=float, default=30.0, help="of each recording, at most")
-    text = f"of the arm's base, at most {len(recorded.PLACEMENTS)}"
-    parser.add_argument("--placements", type=int, default=len(recorded.PLACEMENTS), help=text)
+    text = f"of the arm's base, at most {len(PLACES)}"
+    parser.add_argument("--placements", type=int, default=len(PLACES), help=text)
     parser.add_argument("--seeds", type=int, default=1, help="trajectories at each of them")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they slow steps down")

@@ -125,8 +125,6 @@ def test_distances_are_those_of_exact_hulls(load):
 
 
 def test_a_short_run(benchmark, monkeypatch, tmp_path, capsys):
-    # Where people stand in the middle of the arm.
-    monkeypatch.setattr(benchmark.recorded, "PLACEMENTS", ((0.2, -0.6, -90.0),))
     monkeypatch.setattr(benchmark, "DRILLS", 1)
     monkeypatch.setattr(benchmark, "DRILL_SECONDS", 1.0)
     page = tmp_path / "page.md"
