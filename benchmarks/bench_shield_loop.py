@@ -45,7 +45,7 @@ LOOK_AHEAD = 0.03  # [s]
 PERIOD = 0.004  # of the shield's steps, [s]
 REACTION = 0.02  # of the brakes, [s]
 
-PLACES = (0.5, 0.0), (0.65, 60.0), (0.65, -60.0), (0.8, 0.0)
+PLACES = (0.85, 60.0), (0.7, 0.0), (0.85, -60.0), (1.0, 0.0)
 """Of the arm's base: how far it is from where the hands are mostly, in [m], and its direction from
 there, as seen from the way the person faces, in degrees. It faces the hands."""
 

@@ -125,6 +125,7 @@ def test_distances_are_those_of_exact_hulls(load):
 
 
 def test_a_short_run(benchmark, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(benchmark, "PLACES", ((0.5, 0.0),))
     monkeypatch.setattr(benchmark, "DRILLS", 1)
     monkeypatch.setattr(benchmark, "DRILL_SECONDS", 1.0)
     page = tmp_path / "page.md"
