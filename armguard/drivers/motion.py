@@ -17,8 +17,18 @@ from armguard.drivers.moment import Moment
 from armguard.messages.command import CommandMessage
 from armguard.messages.incoming import MessageError
 
+WAIT = 0.01
+"""Between two states that an approach counts with, in [s], at most."""
+
 REST_SPEED = 0.01
 """What joints at rest do not exceed, in [rad/s]."""
+
+REST_REACH = 0.05
+"""How far a resting arm may be off a command that rests, in [rad], to take it up. The shield has
+seen the arm within its tracking error, or it would say "brake"."""
+
+APPROACH = 0.01
+"""How fast an arm that was off a command comes to it, in [rad/s]: less than tracking errors are."""
 
 
 class MotionConduct:
@@ -41,6 +51,9 @@ class MotionConduct:
         self._followed: CommandMessage | None = None
         self._order: NDArray[np.intp] = np.arange(0)
         """Where in the rows of the followed motion the robot's joints are."""
+        self._offset = np.zeros(len(names))
+        """How far from the followed motion the arm is led, in [rad]."""
+        self._approached_at = 0.0
         self._seen: CommandMessage | None = None
         self._sequence = 0
         self._barred: int | None = None
@@ -64,7 +77,10 @@ class MotionConduct:
         if self._followed is None:
             self._arm.hold()
             return
-        q = self._followed.at(moment.now)[0][self._order]
+        step = APPROACH * min(moment.now - self._approached_at, WAIT)
+        self._offset -= np.clip(self._offset, -step, step)
+        self._approached_at = moment.now
+        q = self._followed.at(moment.now)[0][self._order] + self._offset
         if np.isfinite(q).all():
             self._arm.follow(q.tolist())
         else:
@@ -116,9 +132,36 @@ class MotionConduct:
         else:
             return
         if command.joins(here, speeds, moment.now):
+            if self._followed is None:
+                self._offset = np.zeros(len(order))
             self._followed, self._order = command, order
-        else:
+        elif not self._join_at_rest(command, order, here, moment):
             counts.missed += 1
+
+    def _join_at_rest(
+        self,
+        command: CommandMessage,
+        order: NDArray[np.intp],
+        here: NDArray[np.float64],
+        moment: Moment,
+    ) -> bool:
+        """Take up a command that rests near where the arm rests, so that it joins the next ones.
+
+        An arm that has missed commands rests off the motion that the shield knows, and within its
+        tracking error; there it may be led to it, slowly.
+        """
+        followed = self._followed
+        is_resting = followed is None or not moment.now < followed.valid_until
+        if not is_resting or command.moving or not len(command.times):
+            return False
+        off = here - command.at(moment.now)[0]
+        if not (np.abs(off).max() <= REST_REACH and moment.now <= command.take_up_by):
+            return False
+        if followed is None:
+            self._offset = np.zeros(len(order))
+        self._offset, self._approached_at = self._offset + off[order], moment.now
+        self._followed, self._order = command, order
+        return True
 
     def _complain(self, problem: str) -> None:
         """Tell of a problem once."""

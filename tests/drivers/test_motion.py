@@ -11,7 +11,7 @@ from armguard.drivers.arm import ArmState, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
-from armguard.drivers.motion import MotionConduct
+from armguard.drivers.motion import APPROACH, MotionConduct
 from armguard.messages.command import CommandMessage, pack
 from support.fake_arms import FakeMotionArm
 from support.shield_commands import DURATION, HOME, NAMES, SPEED, command, move
@@ -139,6 +139,38 @@ def test_a_motion_that_is_not_proved_any_more_is_braked_once(made):
         made.act(command(made.now + 0.002, 3 + k, begun=one.stamp, stop="brake"))
     assert made.arm.orders.count("brake") == 1
     assert made.latencies.counts.stops == 1
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_an_arm_that_rests_off_a_resting_command_is_led_to_it_slowly(made, is_new):
+    off = np.array([0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
+    if is_new:
+        made.arm.q = list(HOME + off)
+        made.act(command(made.now, 1, goal=1))
+        rest = HOME
+    else:
+        one = made.begin()
+        while made.now < one.valid_until + 0.1:
+            made.act()
+        rest = np.array(made.arm.q) - off
+    flat = {"v": pack(np.zeros((200, 6))), "a": pack(np.zeros((200, 6))), "moving": False}
+    flat["q"] = pack(np.tile(rest, (200, 1)))
+    before = np.array(made.arm.q)
+    for k in range(1500):
+        made.act(command(made.now + 0.002, 3 + k, **flat))
+        step = np.abs(np.array(made.arm.q) - before).max()
+        assert step <= 0.002 * APPROACH + 1e-12
+        before = np.array(made.arm.q)
+    assert made.arm.q == pytest.approx(list(rest), abs=1e-9)
+    assert made.latencies.counts.missed == 0
+
+
+def test_an_arm_that_rests_far_off_is_led_nowhere(made):
+    made.arm.q = list(HOME + 0.06)
+    made.act(command(made.now, 1, goal=1))
+    for k in range(20):
+        made.act(command(made.now + 0.002, 3 + k, moving=False))
+    assert made.arm.followed == []
 
 
 def test_after_braking_it_goes_on_only_from_where_it_rests(made):

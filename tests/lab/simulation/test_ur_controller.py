@@ -105,6 +105,34 @@ def test_a_client_that_falls_silent_lets_the_watchdog_pause_the_program(controll
         wait_until(lambda: controller.program == PAUSED and controller.pace == 0.0)
 
 
+def send_command(client, number, *values):
+    client.send("U", b"\1" + struct.pack(">i6d", number, *values, *[0.0] * (6 - len(values))))
+
+
+def test_it_runs_the_control_program_of_the_client_library(controller):
+    registers = ["input_int_register_0", *(f"input_double_register_{k}" for k in range(6))]
+    with Client(controller) as client:
+        client.ask("I", ",".join(registers).encode())
+        with socket.create_connection((controller.host, 30003), 10.0) as script:
+            script.sendall(b"def rtde_control():\n  textmsg()\nend\n")
+            wait_until(lambda: controller.is_controlled and controller.program == PLAYING)
+        wait_until(lambda: not controller.v.any())
+        home = controller.q.copy()
+        for _ in range(200):
+            send_command(client, 11, *(home + 0.1))
+            time.sleep(0.002)
+        assert controller.q == pytest.approx(home + 0.1, abs=0.01)
+        send_command(client, 11, *(home + 1.0))
+        wait_until(lambda: controller.v[0] > 0.5)
+        send_command(client, 16, 10.0)
+        wait_until(lambda: not controller.v.any())
+        send_command(client, 0)
+        time.sleep(0.05)
+        send_command(client, 35, 20.0)  # a watchdog of 20 Hz
+        wait_until(lambda: controller.program == STOPPED)
+    assert [one.order for one in controller.received] == ["control", "servo stop", "watchdog"]
+
+
 def test_the_dashboard_and_scripts(controller):
     with socket.create_connection((controller.host, 29999), 10.0) as dashboard:
         file = dashboard.makefile("rw")
