@@ -9,12 +9,14 @@ A shield commands the arm at 250 Hz, and a controller follows its commands as we
 (`scene/simulated_arm.py`). How well that is, is measured first without people, and then stated to
 the shield. Contacts are counted by the true distances of the links in each millisecond in which
 the arm moves. As a control, the same arm goes the same ways and is shown nobody. The page is
-written anew after each case, so a run may be ended early.
+written anew after each case. With `--rows` a run that was ended goes on with the cases that are
+left.
 """
 
 from __future__ import annotations
 
 import argparse
+import pickle
 import shlex
 import sys
 import time
@@ -26,7 +28,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 import bench_recordings as recorded
-from armguard.lab.simulation import JointTrajectory
+from armguard.lab.simulation import JointTrajectory, Recording
+from armguard.lab.simulation.bodies import POINTS
 from armguard.robot import Robot
 from armguard.shield import Command
 from scene.contestants import make_operating
@@ -41,6 +44,10 @@ JERK = 500.0  # of all joints, [rad/s³]
 LOOK_AHEAD = 0.03  # [s]
 PERIOD = 0.004  # of the shield's steps, [s]
 REACTION = 0.02  # of the brakes, [s]
+
+PLACES = (0.85, 60.0), (0.7, 0.0), (0.85, -60.0), (1.0, 0.0)
+"""Of the arm's base: how far it is from where the hands are mostly, in [m], and its direction from
+there, as seen from the way the person faces, in degrees. It faces the hands."""
 
 PRESUMED = Following(PERIOD, 0.05, 1.0)  # while tracking errors are measured
 MARGIN = 1.5  # what is stated, as a share of what was measured
@@ -122,8 +129,8 @@ class Workplace:
             free = rows[0].played.progress if rows else played.progress
             rows.append(
                 Row(
-                    case.arm, case.speed, people.name, case.placement, case.seed,
-                    None if mover is self._blind else mover.setting, self._following, free,
+                    *find_key(case), None if mover is self._blind else mover.setting,
+                    self._following, free,
                     played, arm.share, arm.steps_off, arm.least_gap,
                 )
             )  # fmt: skip
@@ -170,9 +177,25 @@ def find_people(path: Path, placement: int) -> People:
     """Of a recording, seen from one place; kept by this process."""
     place = path, placement
     if place not in _people:
-        base = recorded.place_base(*recorded.PLACEMENTS[placement])
-        _people[place] = People(path, base, recorded.BOUNDS)
+        _people[place] = People(path, place_base(path, *PLACES[placement]), recorded.BOUNDS)
     return _people[place]
+
+
+def place_base(path: Path, distance: float, degrees: float) -> np.ndarray:
+    """A recording's origin, as seen from the arm's base. Shape (4, 4).
+
+    Args:
+        path: Of the recording.
+        distance: As in `PLACES`.
+        degrees: As in `PLACES`.
+    """
+    position = Recording(path).position
+    hands = [POINTS.index(f"{side}_hand") for side in ("left", "right")]
+    middle = np.nanmedian(position[:, hands], axis=(0, 1))
+    ahead = middle - np.nanmedian(position[:, POINTS.index("hip")], axis=0)
+    angle = np.arctan2(ahead[1], ahead[0]) + np.radians(degrees)
+    x, y = middle[:2] + distance * np.array([np.cos(angle), np.sin(angle)])
+    return recorded.place_base(x, y, float(np.degrees(angle)) + 180.0)
 
 
 def play_case(run: Run, case: Case) -> list[Row]:
@@ -181,6 +204,26 @@ def play_case(run: Run, case: Case) -> list[Row]:
     if what not in _workplaces:
         _workplaces[what] = Workplace(*what, run.settings)
     return _workplaces[what].play(case, find_people(case.path, case.placement), run.seconds)
+
+
+def list_cases(options: argparse.Namespace) -> list[Case]:
+    """All cases; the first ones have every recording, and every place of the base, already."""
+    paths = recorded.find_recordings()[: options.recordings]
+    places = range(options.placements)
+    return [
+        Case(arm, speed, path, place, options.seeds * place + seed)
+        for seed in range(options.seeds)
+        for shift in places
+        for number, path in enumerate(paths)
+        for place in [places[(number + shift) % len(places)]]
+        for arm in options.arms
+        for speed in options.speeds
+    ]
+
+
+def find_key(case: Case) -> tuple[object, ...]:
+    """What its rows begin with."""
+    return case.arm, case.speed, case.path.stem, case.placement, case.seed
 
 
 def play_all(run: Run, cases: list[Case], jobs: int) -> Iterator[list[Row]]:
@@ -201,47 +244,50 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--speeds", default=[0.3, 0.8], help="of the fastest joint [rad/s]", **some)
     parser.add_argument("--ages", default=[0.0, 0.05], help="of new samples [s]", **some)
     parser.add_argument("--seconds", type=float, default=30.0, help="of each recording, at most")
-    text = f"of the arm's base, at most {len(recorded.PLACEMENTS)}"
-    parser.add_argument("--placements", type=int, default=len(recorded.PLACEMENTS), help=text)
+    text = f"of the arm's base, at most {len(PLACES)}"
+    parser.add_argument("--placements", type=int, default=len(PLACES), help=text)
     parser.add_argument("--seeds", type=int, default=1, help="trajectories at each of them")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they slow steps down")
-    parser.add_argument("--out", type=Path, help="page to write; default: print it")
+    parser.add_argument("--rows", type=Path, help="file of what was found, to go on with later")
+    parser.add_argument("--out", type=Path, help="page to write after each case")
     return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> list[Row]:
-    """Play all cases, and print or write the page; all that was found."""
+    """Play all cases, and print the page or write it as well; all that was found."""
     options = read_options(arguments)
     settings = [
         Setting(REACTION, age, bounds) for bounds in recorded.BOUNDS for age in options.ages
     ]
     run = Run(options.seconds, tuple(settings))
-    cases = [
-        Case(arm, speed, path, placement, options.seeds * placement + seed)
-        for seed in range(options.seeds)
-        for placement in range(options.placements)
-        for path in recorded.find_recordings()[: options.recordings]
-        for arm in options.arms
-        for speed in options.speeds
-    ]
+    cases = list_cases(options)
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
-    command = f"python benchmarks/bench_shield_loop.py {words}".strip()
-    machine = describe_machine(load=False)
+    facts = {
+        "cases": len(cases), "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
+        "machine": describe_machine(load=False), "load": LOAD, "near": 1e3 * NEAR,
+        "margin": MARGIN, "drill": DRILL_EVERY, "drilled": DRILLS * DRILL_SECONDS,
+    }  # fmt: skip
+
+    def make_page() -> str:
+        return write_page(rows, PERIOD, done=len({row[:5] for row in rows}), **facts)
+
     rows: list[Row] = []
-    for done, some in enumerate(play_all(run, cases, options.jobs), 1):
+    if options.rows is not None and options.rows.exists():
+        rows = pickle.loads(options.rows.read_bytes())
+    played = {row[:5] for row in rows}
+    left = [case for case in cases if find_key(case) not in played]
+    for done, some in enumerate(play_all(run, left, options.jobs), 1 + len(cases) - len(left)):
         rows += some
-        page = write_page(
-            rows, PERIOD, command=command, machine=machine, load=LOAD,
-            near=1e3 * NEAR, margin=MARGIN, drill=DRILL_EVERY, drilled=DRILLS * DRILL_SECONDS,
-        )  # fmt: skip
         shown = [row for row in rows if row.setting is not None]
         contacts = sum(row.played.missed for row in shown)
         hours = find_hours(shown, PERIOD)
         print(f"{done} of {len(cases)} cases, {hours:.2f} h, {contacts} contacts", flush=True)
+        if options.rows is not None:
+            options.rows.write_bytes(pickle.dumps(rows))
         if options.out is not None:
-            options.out.write_text(page, encoding="utf-8")
-    print(page if options.out is None else f"wrote {options.out}")
+            options.out.write_text(make_page(), encoding="utf-8")
+    print(make_page())
     return rows
 
 

@@ -190,7 +190,7 @@ GOALS = """## Goals
 PATHS = """A path is a map:
 """
 
-AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late, or not as it should be, is refused: the one before goes on. It is counted as `goal refused`, told on standard error, and named in the commands that follow (`refused`, `problem`). Of several that come in one tick the newest one is taken. All paths of a goal have {goal_intake.MOST_SAMPLES} samples at most where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: it has to be sent again and again, and one of zeros lets the arm come to rest. A path and a chunk are followed to their ends, whoever has fallen silent.
+AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late, or not as it should be, is refused: the one before goes on. It is counted as `goal refused`, told on standard error, and named in the commands that follow (`refused`, `problem`). Of several that come in one tick the newest one is taken. A goal has {goal_intake.MOST_PATHS} paths at most, which have {goal_intake.MOST_SAMPLES} samples together where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points at most. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: it has to be sent again and again, and one of zeros lets the arm come to rest. A path and a chunk are followed to their ends, whoever has fallen silent.
 
 ```json
 {{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder", "elbow"],

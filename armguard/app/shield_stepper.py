@@ -75,12 +75,12 @@ class ShieldStepper(Stepper):
         for plan in requests.plans:
             problem = plan.problem or "is the shield's business here: send goals instead"
             self._answer(plan.number, refuse_plan("plan", problem))
+        usable = [goal for goal in requests.goals if not goal.problem]
         for goal in requests.goals:
             if goal.problem:
                 self._refused, self._problem = goal.number, goal.problem
-        usable = [goal for goal in requests.goals if not goal.problem]
-        if usable:
-            self._take(usable[-1])
+            elif goal is usable[-1]:
+                self._take(goal)
 
     def _take(self, goal: GoalRequest) -> None:
         """Take a goal in place of the one before; that goes on where this one is refused."""
@@ -111,7 +111,8 @@ class ShieldStepper(Stepper):
         return Path(q, times)
 
     def _describe(self, command: Command) -> CommandMessage:
-        begin = float(command.times[0]) if len(command.times) else command.verdict.stamp
+        # Without samples the end is the present.
+        begin = float(command.times[0]) if len(command.times) else command.valid_until
         reason = command.reason
         return CommandMessage(
             sequence=command.verdict.sequence,

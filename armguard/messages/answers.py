@@ -329,6 +329,8 @@ def decode_answer(
             return message.number, ResetVerdict(message.obeyed, message.problem)
         if isinstance(message, CommandMessage):
             message.read()
+            if message.contact_speed is not None:
+                message.contact_speed = read(message.contact_speed)
             return message
         return read_verdict(message, read)
     except (ValueError, RecursionError, MessageError) as error:

@@ -55,6 +55,14 @@ FOR_BENDS = 0.7
 KNOT = 0.01
 """Between knots of a curve that was timed here, in [s]."""
 
+SMOOTHEST = 4.0
+"""Knots in which an acceleration is built up at least: a curve through fewer would have more jerk
+than it needs, and would be stretched for it."""
+
+RESTING = 2.0
+"""Knots at rest at the end of a curve: through each its end swings on with a quarter of what its
+acceleration was, which would end in a jump."""
+
 SEARCHES = 4
 """Closer and closer looks at where a path comes near a place."""
 
@@ -268,11 +276,12 @@ def _find_fastest(waypoints: FloatArray, limits: MotionLimits) -> tuple[FloatArr
     speed = np.sqrt(square)
     passed = np.concatenate([[0.0], np.cumsum(2.0 * step / (speed[1:] + speed[:-1]))])
     # Building up the acceleration with the jerk takes so long.
-    width = float((limits.acceleration / limits.jerk).max())
-    if not passed[-1] + width <= MOST_SAMPLES * KNOT:
+    width = max(float((limits.acceleration / limits.jerk).max()), SMOOTHEST * KNOT)
+    lasting = passed[-1] + width + RESTING * KNOT
+    if not lasting <= MOST_SAMPLES * KNOT:
         longest = f"{MOST_SAMPLES * KNOT:g} s at most"
         raise ArmguardError("path", f"takes {passed[-1]:.4g} s", expected=longest)
-    times = np.linspace(0.0, passed[-1] + width, math.ceil((passed[-1] + width) / KNOT) + 4)
+    times = np.linspace(0.0, lasting, math.ceil(lasting / KNOT) + 4)
     until = _integrate(passed, way, times)
     mean = (until - _integrate(passed, way, times - width)) / width
     return times, curve(np.clip(mean, 0.0, chords[-1]))

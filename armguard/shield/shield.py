@@ -324,6 +324,9 @@ class Shield:
         self._has_left = False
         if piece is not None and (np.abs(place - piece.samples.q[-1]) <= self._error).all():
             return piece
+        # What is measured beyond a limit by errors is nearer to the truth at the limit.
+        robot = self._monitor.robot
+        place = np.clip(place, robot.lower_position_limit, robot.upper_position_limit)
         rest = Rest(place, now)
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
 

@@ -26,8 +26,11 @@ MOST_SAMPLES = 5000
 MOST_WAYPOINTS = 20
 """Of all paths of a goal without times: the fastest timing takes about 2 ms for each."""
 
-MOST_POINTS = 200
-"""Of a chunk."""
+MOST_PATHS = 8
+"""Of a goal; an arm at rest looks at each of them in each step."""
+
+MOST_POINTS = 100
+"""Of a chunk; they are laid out in the step that takes them."""
 
 LONGEST_VELOCITY = 1.0
 """From now on, in [s]: for so long at most an arm goes on whose caller has fallen silent."""
@@ -99,8 +102,8 @@ class GoalReader:
             chunk = _read_rows("chunk", message.chunk, count, MOST_POINTS, order)
             return GoalRequest(message.number, "", until, chunk=chunk)
         paths = message.paths or []
-        if not paths:
-            raise MessageError("paths", "empty", "at least one")
+        if not 0 < len(paths) <= MOST_PATHS:
+            raise MessageError("paths", f"{len(paths)} of them", f"1 to {MOST_PATHS}")
         lengths = [(one.times is not None, count_rows(one.q, count)) for one in paths]
         for timed, most in ((True, MOST_SAMPLES), (False, MOST_WAYPOINTS)):
             total = sum(length for is_timed, length in lengths if is_timed is timed)

@@ -226,6 +226,8 @@ class TokenReader:
         requests.is_reset = True
         # A reset ends what was asked for a time, and is obeyed before all requests.
         requests.exemptions = [one for one in requests.exemptions if one.until is None]
+        # Nor does an arm set off after it because of what was asked before.
+        requests.goals = []
 
     def _is_token(self, token: str) -> bool:
         known = self._token

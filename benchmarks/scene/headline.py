@@ -32,7 +32,7 @@ def write_numbers(results: Results, scope: Scope) -> list[str]:
         f" {percent(rivals)}. That is {multiple(results.ratio(None, mine, rival, setting))} times.",
         f"- **{percent(lost)} of its work lost** by an arm that obeys; by the {SEPARATION}"
         f" {percent(by_rival)}.",
-        f"- Where the person's limbs are tied to each other, by published lengths:"
+        "- Where the person's limbs are tied to each other, by published lengths:"
         f" **{percent(results.share(None, tied, setting))} of the time in STOP**, which is"
         f" {multiple(results.ratio(None, tied, rival, setting))} times, and"
         f" {percent(results.lost(None, tied, setting, 'obeys'))} of its work lost.",

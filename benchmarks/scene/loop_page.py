@@ -103,22 +103,22 @@ def _group(rows: list[Row], key: Callable[[Row], tuple[object, ...]]) -> list[li
 
 def _table(rows: list[Row], period: float) -> list[str]:
     heads = [
-        "arm", "speed", "people", "sample age", "hours", "contacts", "premise broken",
+        "arm", "speed", "people", "sample age", "minutes", "contacts", "premise broken",
         "least distance", "steps beyond", "error ÷ stated", "work lost", "rests",
         "hardest stops",
     ]  # fmt: skip
     lines = []
     for some in _group(rows, lambda row: (row.arm, row.speed, row.setting)):
-        first, hours = some[0], find_hours(some, period)
+        first, minutes = some[0], 60.0 * find_hours(some, period)
         assert first.setting is not None, "those that are shown nobody are left out"
         often = (
-            sum(getattr(row.played, field) for row in some) / (60.0 * hours)
+            sum(getattr(row.played, field) for row in some) / minutes
             for field in ("rests", "hard_stops")
         )
         lines.append(
             [
                 first.arm, f"{first.speed:g} rad/s", first.setting.bounds,
-                milliseconds(first.setting.camera), f"{hours:.2f}",
+                milliseconds(first.setting.camera), f"{minutes:.1f}",
                 str(sum(row.played.missed for row in some)),
                 str(sum(row.played.beyond for row in some)),
                 f"{1e3 * min(row.least_gap for row in some):.1f} mm",
@@ -132,7 +132,7 @@ def _table(rows: list[Row], period: float) -> list[str]:
 
 def _table_of_blind(rows: list[Row], period: float) -> list[str]:
     heads = [
-        "arm", "speed", "hours", "contacts", "stated tracking error", "of velocity",
+        "arm", "speed", "minutes", "contacts", "stated tracking error", "of velocity",
         "error ÷ stated",
     ]  # fmt: skip
     lines = []
@@ -140,7 +140,7 @@ def _table_of_blind(rows: list[Row], period: float) -> list[str]:
         first = some[0]
         lines.append(
             [
-                first.arm, f"{first.speed:g} rad/s", f"{find_hours(some, period):.2f}",
+                first.arm, f"{first.speed:g} rad/s", f"{60.0 * find_hours(some, period):.1f}",
                 str(sum(len(row.played.contacts) for row in some)),
                 f"up to {1e3 * np.max(first.following.position):.1f} mrad",
                 f"up to {1e3 * np.max(first.following.velocity):.0f} mrad/s",

@@ -11,7 +11,6 @@ the head to the collar, 0.49 m here, they do not, and nothing ties the head.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 
@@ -51,23 +50,20 @@ JOINTS = tuple(
 )
 """Balls within the limbs that meet at a joint."""
 
-_TIED = (
-    ("hip", "collar", "collar", "hip"),
-    *itertools.chain.from_iterable(
-        map(
-            _on_both_sides,
-            (
-                ("*_shoulder_joint", "collar", "collar", "*_shoulder"),
-                ("*_elbow_joint", "*_shoulder_joint", "*_shoulder", "*_elbow"),
-                ("*_shoulder", "*_shoulder_joint", "*_shoulder", "*_elbow"),
-                ("*_shoulder", "*_elbow_joint", "*_shoulder", "*_elbow"),
-                ("*_elbow", "*_elbow_joint", "*_elbow", "*_hand"),
-                ("*_elbow", "*_hand", "*_elbow", "*_hand"),
-                ("*_hand", "*_elbow_joint", "*_elbow", "*_hand"),
-            ),
-        )
-    ),
+_LIMBS = (
+    ("*_shoulder_joint", "collar", "collar", "*_shoulder"),
+    ("*_elbow_joint", "*_shoulder_joint", "*_shoulder", "*_elbow"),
+    ("*_shoulder", "*_shoulder_joint", "*_shoulder", "*_elbow"),
+    ("*_shoulder", "*_elbow_joint", "*_shoulder", "*_elbow"),
+    ("*_elbow", "*_elbow_joint", "*_elbow", "*_hand"),
+    ("*_elbow", "*_hand", "*_elbow", "*_hand"),
+    ("*_hand", "*_elbow_joint", "*_elbow", "*_hand"),
 )
+
+_TIED = [
+    ("hip", "collar", "collar", "hip"),
+    *(names for limb in _LIMBS for names in _on_both_sides(limb)),
+]
 """Two bodies that are tied, and the bone that is as long as they can be apart."""
 
 

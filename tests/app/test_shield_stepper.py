@@ -2,12 +2,14 @@
 
 import contextlib
 import json
+import math
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -43,9 +45,11 @@ class Messages:
     ended = False
 
     def __init__(self):
-        self.waiting = []
+        self.waiting, self.packed = [], []
 
     def receive(self):
+        if self.packed:
+            return self.packed.pop(0)
         return json.dumps(self.waiting.pop(0)).encode() if self.waiting else None
 
     def close(self):
@@ -181,6 +185,44 @@ def test_garbage_and_late_goals_never_move_the_arm(arm, changes, words):
     assert len(arm.lines) == 1
 
 
+NASTY = [math.nan, math.inf, -math.inf, 0.0, -0.0, 1e308, -1e308, 5e-324, 1e-12, 1.0, -2.0, 9.0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_is_asked_nothing_raises_and_the_arm_keeps_its_limits(seed):
+    random, arm = np.random.default_rng(seed), MovedArm()
+    arm.tick()
+
+    def to_plain(value):
+        return value.tolist()
+
+    def pick(*shape):
+        close = np.array(READY) + random.normal(0.0, 0.2, (*shape, 7))
+        odd = random.choice(NASTY, (*shape, 7))
+        return np.where(random.random((*shape, 7)) < random.choice([0.0, 0.1, 1.0]), odd, close)
+
+    def ask():
+        count = int(random.integers(0, 5))
+        asked = [
+            {"velocity": pick()},
+            {"chunk": pick(count)},
+            {"paths": [{"q": pick(count)}, {"q": pick(count), "times": pick()[:count]}]},
+            {"paths": [{"q": pick(2), "times": sorted(pick()[:2].tolist())}]},
+        ][int(random.integers(4))]
+        until = arm.clock.now() + random.choice([*NASTY, 0.3, 0.3, 0.3])
+        return arm.goal(int(random.integers(2**63)), **asked) | {"until": until}
+
+    before, robot = arm.q, arm.loop.monitor.robot
+    for _ in range(150):
+        wish = [ask()] if random.random() < 0.3 else []
+        arm.messages.packed = [msgspec.msgpack.encode(one, enc_hook=to_plain) for one in wish]
+        arm.tick()
+        assert np.isfinite(arm.q).all()
+        assert (np.abs(arm.q - before) <= 0.4 * robot.velocity_limit * PERIOD * 1.01).all()
+        before = arm.q
+    assert arm.missed == 0
+
+
 def test_garbage_leaves_the_arm_on_its_path(arm):
     arm.tick(arm.path(1))
     for _ in range(10):
@@ -198,6 +240,9 @@ def test_of_goals_that_come_together_the_newest_usable_one_is_taken(arm):
     arm.tick(arm.path(1), arm.goal(2, **jog), arm.goal(3, velocity=[0.0] * 6))
     command = arm.tick()
     assert (command.goal, command.refused) == (2, 3)
+    arm.tick(arm.goal(4, paths=[{"q": [READY]}]), arm.goal(5, velocity=[0.0] * 6))
+    command = arm.tick()
+    assert (command.goal, command.refused) == (2, 5)
 
 
 def test_whoever_is_silent_the_arm_rests_where_its_last_piece_ends(arm):
@@ -215,6 +260,35 @@ def test_whoever_is_silent_the_arm_rests_where_its_last_piece_ends(arm):
         assert np.abs(arm.q - before).max() < 0.01
         before = arm.q
     assert arm.q == pytest.approx(THERE, abs=1e-3)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.95), (1, 0.8), (2, 0.5)])
+def test_an_arm_that_hears_some_commands_alone_is_always_on_a_proved_motion(arm, seed, share):
+    random, before = np.random.default_rng(seed), arm.q
+    arm.tick(arm.path(1))
+    for tick in range(1500):
+        command = arm.tick(hears=tick > 900 or random.random() < share)
+        assert command.stop is None
+        assert arm.verdicts[-1].proved_until is not None or np.abs(arm.v).max() < 1e-9
+        assert np.abs(arm.q - before).max() < 0.4 * 2.61 * PERIOD
+        before = arm.q
+    assert arm.q == pytest.approx(THERE, abs=3e-3)
+
+
+def test_an_arm_that_rests_a_little_off_its_goal_takes_up_the_next_one(arm):
+    """It missed the last commands, and is as near as the arm may be off them."""
+    arm.tick(arm.path(1))
+    while np.abs(np.array(THERE) - arm.q).max() > 0.04:
+        arm.tick()
+    while arm.commands[-1].moving or np.abs(arm.v).max() > 1e-9:
+        arm.tick(hears=np.abs(np.array(THERE) - arm.q).max() > 0.004)
+    off = np.abs(np.array(THERE) - arm.q).max()
+    assert off > 1e-4
+    target = [0.0, *READY[1:]]
+    arm.tick(arm.goal(2, paths=[{"q": [arm.q.tolist(), target]}]))
+    for _ in range(600):
+        arm.tick()
+    assert arm.q == pytest.approx(target, abs=1e-3)
 
 
 def test_where_joint_states_end_so_does_the_motion(arm):
@@ -333,7 +407,8 @@ def test_a_process_moves_an_arm_from_goal_to_goal(tmp_path):
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert ways[0] == pytest.approx(THERE, abs=1e-3)
-    assert ways[1] == pytest.approx(READY, abs=1e-3)
+    # As near as an arm may be off commands, where the last ones came too late to be taken up.
+    assert ways[0] == pytest.approx(THERE, abs=3e-3)
+    assert ways[1] == pytest.approx(READY, abs=3e-3)
     assert reader.refused == 0
     assert "malformed" not in json.loads(out)["message_faults"]

@@ -73,3 +73,10 @@ def test_a_plan_before_the_first_joint_state_is_refused():
     loop.tick()
     assert not answers[0][1].safe
     assert "not known" in str(answers[0][1].reasons[0])
+
+
+def test_a_goal_is_refused_where_there_is_no_shield():
+    goal = {"type": "goal", "number": 7, "until": 0.4, "names": NAMES, "velocity": [0.1] * 7}
+    _, verdicts, loop = ask(goal)
+    assert loop.report().faults == {"goal refused: goals": 1}
+    assert len(verdicts) == 3

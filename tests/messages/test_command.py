@@ -29,6 +29,12 @@ def test_commands_survive_the_wire_in_machine_time(as_json):
     assert COMMAND.stamp == 1.0
 
 
+@ENCODINGS
+def test_a_speed_without_bound_survives_the_wire(as_json):
+    fast = msgspec.structs.replace(COMMAND, contact_speed=math.inf)
+    assert decode_answer(encode_command(fast, 0.0, as_json=as_json)).contact_speed == math.inf
+
+
 def test_json_has_lists():
     told = json.loads(encode_command(COMMAND, 0.0, as_json=True), parse_constant=pytest.fail)
     assert told["q"] == Q.tolist()

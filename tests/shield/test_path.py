@@ -66,6 +66,20 @@ def test_a_short_way_takes_as_long_as_its_limits_say():
     assert best * 0.9 <= path.duration <= 1.5 * best
 
 
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.5])
+def test_a_path_rests_without_a_jump_and_more_jerk_makes_none_slower(size):
+    places = size * np.array([[0.0, 0.0, 0.0], [1.0, 0.4, -0.2], [0.6, 0.8, 0.8]])
+    lasting = []
+    for jerk in (50.0, 200.0, 1000.0, 5000.0):
+        limits = LIMITS._replace(jerk=np.full(3, jerk))
+        path = TimedPath(Path(places), limits)
+        end = path.evaluate(np.array([path.duration - 1e-9]))[2]
+        # Of what the greatest jerk makes in half a millisecond.
+        assert (np.abs(end) <= 5e-4 * limits.jerk).all()
+        lasting.append(path.duration)
+    assert (np.diff(lasting) <= 1e-2).all(), lasting
+
+
 def test_the_nearest_place_of_a_path_is_found():
     path = TimedPath(Path([[0.0, 0.0, 0.0], [0.5, 0.2, -0.1], [0.3, 0.4, 0.4]]), LIMITS)
     for at in np.linspace(0.1, path.duration - 0.1, 7):

@@ -344,6 +344,17 @@ def test_the_place_of_an_arm_that_rests_does_not_creep_after_it():
         assert command.q[-1] == pytest.approx(HOME, abs=0.0)
 
 
+def test_an_arm_that_is_measured_a_little_beyond_a_limit_begins_at_the_limit():
+    arm = ShieldedArm(0, balls=0)
+    lower = arm.monitor.robot.lower_position_limit
+    place = HOME.copy()
+    place[1] = lower[1]
+    arm.see()
+    command = arm.shield.step(0.0, place - 5e-4, np.zeros(7), velocity=NEAR)
+    assert command.is_new
+    assert command.q[0, 1] == lower[1]
+
+
 @pytest.mark.parametrize("wrong", [{"off": 1.0}, {"off": np.nan}, {"late": 0.5}])
 def test_the_place_of_an_arm_that_rests_follows_no_joint_state_that_is_not_believed(wrong):
     arm = ShieldedArm(0, balls=0)

@@ -58,10 +58,11 @@ def test_goals_arrive_in_the_order_of_the_watched_joints():
         ({"velocity": [0.0], "names": ["elbow"]}, "shoulder"),
         ({"velocity": [0.0] * 3, "arm": "left"}, "arm is 'left'"),
         ({"chunk": []}, "chunk is 0 rows"),
-        ({"chunk": [[0.0] * 3] * (MOST_POINTS + 1)}, "chunk is 201 rows"),
+        ({"chunk": [[0.0] * 3] * (MOST_POINTS + 1)}, "chunk is 101 rows"),
         ({"chunk": [[0.0] * 2]}, "chunk is"),
         ({"chunk": [[math.inf] * 3]}, "chunk is not finite"),
-        ({"paths": []}, "paths is empty"),
+        ({"paths": []}, "paths is 0 of them"),
+        ({"paths": [{"q": [[0.0] * 3]}] * 9}, "paths is 9 of them"),
         ({"paths": [{"q": []}]}, "paths[0].q is 0 rows"),
         ({"paths": [{"q": [[0.0] * 3, [0.0] * 2]}]}, "paths[0].q is rows of unequal length"),
         ({"paths": [{"q": [[math.nan] * 3] * 2}]}, "paths[0].q is not finite"),
@@ -110,6 +111,13 @@ def test_goals_go_to_the_arm_that_they_name():
         world.send(goal(arm=arm, number=number, velocity=[0.0] * 3))
         found = [(one.number, bool(one.problem)) for one in world.edge.requests.goals]
         assert found == {"right": [], "left": [(2, False)], "": [(3, True)]}[arm]
+
+
+def test_a_reset_ends_what_was_asked_before_it_in_the_same_drain():
+    reset = {"type": "reset", "token": "sesame"}
+    jogs = [goal(number=number, velocity=[0.0] * 3) for number in (1, 2)]
+    goals, _ = read(jogs[0], reset, jogs[1], reset_token="sesame")
+    assert [one.number for one in goals] == [2]
 
 
 def test_a_drain_forgets_the_goals_of_the_one_before():

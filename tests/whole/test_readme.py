@@ -28,6 +28,7 @@ PAGES = {
                 "obstacles",
                 "controller",
                 "shield",
+                "policies",
                 "cells",
                 "recording",
             )

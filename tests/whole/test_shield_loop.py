@@ -124,14 +124,16 @@ def test_distances_are_those_of_exact_hulls(load):
     assert min(apart, touching) > 10
 
 
-def test_a_short_run(benchmark, monkeypatch, tmp_path):
-    # Where people stand in the middle of the arm.
-    monkeypatch.setattr(benchmark.recorded, "PLACEMENTS", ((0.2, -0.6, -90.0),))
+def test_a_short_run(benchmark, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(benchmark, "PLACES", ((0.5, 0.0),))
     monkeypatch.setattr(benchmark, "DRILLS", 1)
     monkeypatch.setattr(benchmark, "DRILL_SECONDS", 1.0)
     page = tmp_path / "page.md"
     short = "--arms panda --speeds 0.8 --ages 0 --seconds 1 --placements 1 --recordings 1 --out"
-    rows = benchmark.main([*short.split(), str(page)])
+    kept = tmp_path / "rows"
+    arguments = [*short.split(), str(page), "--rows", str(kept)]
+    rows = benchmark.main(arguments)
+    text = page.read_text(encoding="utf-8")
     control, *shown = rows
     assert control.setting is None
     assert len(shown) == 2
@@ -140,4 +142,7 @@ def test_a_short_run(benchmark, monkeypatch, tmp_path):
         assert row.played.missed == row.steps_off == 0
         assert 0.0 < row.share < 1.0
         assert row.played.progress < row.free
-    assert "with a premise broken" not in page.read_text(encoding="utf-8")
+    # What was found already is not played again.
+    monkeypatch.setattr(benchmark, "play_case", None)
+    assert len(benchmark.main(arguments)) == len(rows)
+    assert text in capsys.readouterr().out

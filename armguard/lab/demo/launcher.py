@@ -11,7 +11,6 @@ Nothing here is a short cut: `armguard run` gets a cell file and addresses, as i
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import secrets
 import subprocess
@@ -114,7 +113,7 @@ def run_demo(wishes: cli.Demo) -> int:
     check_robot(robot)
     if wishes.shield:
         # What it needs beside armguard is told now, not by a process that dies later.
-        importlib.import_module("armguard.shield.shield")
+        from armguard.shield import shield  # noqa: F401  # loaded for its errors
     if record is not None:
         check_new(record)
     if export is not None:
