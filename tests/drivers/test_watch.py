@@ -201,10 +201,10 @@ class Shield:
         )
 
     def send_goal(self, q):
-        """Begin at a place where the arm rests."""
+        """Begin in a while at a place where the arm rests: it can be taken up until then."""
         self.home, self.stop = np.array(q), None
         self.goal += 1
-        self.begun = time.monotonic()
+        self.begun = time.monotonic() + 0.5
 
 
 def test_the_commands_of_a_shield_are_followed_and_nothing_else_moves_the_arm(tmp_path):
