@@ -53,7 +53,7 @@ FULL_SCALE = 0.999
 STOP_DECELERATION = 10.0
 """Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
 
-PAYLOAD_SLACK = 0.001
+PAYLOAD_TOLERANCE = 0.001
 """By how much the controller's payload may exceed the cell's, in [kg]."""
 
 _RUNNING = 7
@@ -177,7 +177,7 @@ class UrArm:
             return f"the robot {_SAFETY_MODES.get(safety, f'is in safety mode {safety}')}"
         if mode != _RUNNING:
             return f"the robot {_ROBOT_MODES.get(mode, f'is in mode {mode}')}: switch it on"
-        if not payload <= self._payload + PAYLOAD_SLACK:
+        if not payload <= self._payload + PAYLOAD_TOLERANCE:
             return (
                 f"the robot carries {payload:.3g} kg, and the monitor reckons with "
                 f"{self._payload:.3g} kg at most: state `payload` in the cell file"
