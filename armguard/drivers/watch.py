@@ -92,6 +92,9 @@ class _Driver:
             if not data:
                 del self._received[descriptor]
                 continue
+            if descriptor == self.link:
+                # What the library's own threads print is no sign that the loop turns.
+                self.heard = time.monotonic()
             *lines, rest = (self._received[descriptor] + data).split(b"\n")
             self._received[descriptor] = rest[-_LONGEST_LINE:]
             for line in lines:
@@ -225,7 +228,6 @@ def _take(
     told: set[str],
 ) -> None:
     """Take a line of the driver's; of lines that are told again and again one is enough."""
-    driver.heard = time.monotonic()
     if word == DRIVING:
         driver.is_driving = True
     elif word == COUNTS:
