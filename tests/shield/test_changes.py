@@ -68,7 +68,7 @@ def test_no_pace_overshoots_the_clock_of_a_path(seed):
     random = np.random.default_rng(seed)
     path = TimedPath(Path(np.cumsum(random.uniform(-0.6, 0.6, (5, 3)), axis=0)), LIMITS)
     changes = PaceChanges(LIMITS)
-    refused = made = 0
+    made = 0
     for _ in range(50):
         # The pace grows, as it did where the path let it do so faster.
         place = (
@@ -78,12 +78,10 @@ def test_no_pace_overshoots_the_clock_of_a_path(seed):
         )
         motion = changes.go_and_stop(path, place, 0.0, 0.05, random.uniform(0.0, 1.0))
         if motion is None:
-            refused += 1
             continue
         made += 1
         paces = [motion.find_place(time)[1] for time in np.arange(0.0, motion.end, 0.005)]
         assert max(paces) <= FULL_PACE
-    assert refused > 0
     assert made > 10
 
 

@@ -114,7 +114,7 @@ def test_a_tracked_person_who_comes_within_reach_is_a_stop_and_one_who_leaves_is
     levels = [line.split(": ")[1].split(",")[0] for line in lines[:-1]]
     assert levels[0] == levels[-1] == "CLEAR"
     assert "STOP" in levels
-    assert lines[-1] == "360 frames, 0 bad ones, 11 obstacles"
+    assert lines[-1] == "360 frames, 0 bad ones, 13 obstacles"
 
 
 @pytest.fixture(scope="module")
