@@ -162,6 +162,11 @@ def watch(
         driver = _Driver(options)
         try:
             code = _attend(driver, options, report, tell, told, is_over)
+        except BaseException:
+            # Whatever it is, a second Ctrl-C as well: the driver ends, and the arm stops.
+            driver.process.kill()
+            stop_by_script(options.host, options.deceleration)
+            raise
         finally:
             driver.close()
             _add(report.counts, driver.counts)
@@ -234,7 +239,10 @@ def _take(
         with contextlib.suppress(msgspec.DecodeError):
             driver.counts = msgspec.json.decode(text, type=Counts)
     elif word == MEASURED:
-        failed, measured = msgspec.json.decode(text, type=tuple[bool, str])
+        try:
+            failed, measured = msgspec.json.decode(text, type=tuple[bool, str])
+        except msgspec.DecodeError:
+            failed, measured = True, "what was measured arrived in part"
         report.problem, report.measured = (measured, "") if failed else ("", measured)
     elif word == WRONG:
         driver.problem = text

@@ -2,6 +2,8 @@
 
 import sys
 
+import pytest
+
 from armguard.drivers import watch as watching
 from armguard.drivers.options import DriveOptions
 
@@ -32,3 +34,27 @@ def test_what_the_library_prints_is_no_sign_of_life(monkeypatch):
         assert driver.heard == 0.0
     finally:
         driver.close()
+
+
+def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
+    stopped = []
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "executable", "/bin/true")
+    monkeypatch.setattr(watching, "_attend", interrupt)
+    monkeypatch.setattr(watching, "stop_by_script", lambda *where: stopped.append(where) or True)
+    with pytest.raises(KeyboardInterrupt):
+        watching.watch(OPTIONS, lambda _: None, lambda: False, 10.0)
+    assert stopped == [("127.0.0.1", 4.0)]
+
+
+def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/true")
+    driver, report = watching._Driver(OPTIONS), watching.Report(watching.Counts())
+    try:
+        watching._take(driver, watching.MEASURED, '[false, "reac', report, lambda _: None, set())
+    finally:
+        driver.close()
+    assert (bool(report.problem), report.measured) == (True, "")
