@@ -171,6 +171,7 @@ class Shield:
         self._monitor.reset()
         self._piece = None
         self._has_left = False
+        self._points.drop()
 
     def step(
         self,
@@ -274,7 +275,9 @@ class Shield:
         joints = len(self._velocity.velocity)
         if chunk is not None:
             points = _read_numbers(chunk)
-            if points is None or not (points.ndim == 2 and points.shape[1] == joints):
+            if points is None or not (
+                points.ndim == 2 and points.shape[1] == joints and len(points)
+            ):
                 self._task = self._velocity
                 self._velocity.velocity = np.zeros(joints)
                 return _refuse("chunk", f"is no finite array of the shape (points, {joints})")
@@ -385,7 +388,7 @@ def _read_numbers(values: object) -> FloatArray | None:
     """An array of its own; None where it is none, or not finite."""
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):  # the first for integers beyond all floats
         return None
     return array if np.isfinite(array).all() else None
 

@@ -279,6 +279,10 @@ class FollowPoints:
         self._points = np.clip(points, self._lower, self._upper)
         self._phases = []
 
+    def drop(self) -> None:
+        """Follow none of the points any more."""
+        self._points = None
+
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first."""
         if self._phases and not self._is_followed(motion, begin):

@@ -204,6 +204,30 @@ def test_nonsense_is_told_and_stops_the_arm():
     check_limits(arm)
 
 
+@pytest.mark.parametrize("wish", ["velocity", "chunk"])
+def test_numbers_beyond_all_floats_are_told_and_stop_the_arm(wish):
+    arm = ShieldedArm(0, balls=0)
+    values = [10**400] * 7
+    command = arm.step(**{wish: values if wish == "velocity" else [values]})
+    assert wish in command.reason.subject
+    assert not command.moving
+
+
+def test_a_chunk_without_points_is_refused():
+    arm = ShieldedArm(0, balls=0)
+    assert arm.step(chunk=np.empty((0, 7))).reason.subject == "chunk"
+
+
+def test_no_chunk_from_before_a_reset_starts_after_it():
+    arm = ShieldedArm(0, balls=0)
+    nowhere = np.full(7, np.nan)
+    arm.shield.step(arm.now, nowhere, nowhere, chunk=np.tile(HOME + 0.02, (5, 1)))
+    arm.shield.reset()
+    for _ in range(200):
+        arm.now += 1.0 / RATE
+        assert not arm.step().moving
+
+
 def test_an_arm_that_was_left_to_brake_goes_back_to_its_path():
     arm = ShieldedArm(0, balls=1)
     arm.shield.set_path(make_path())
