@@ -125,7 +125,7 @@ class ShieldStepper(Stepper):
             v=pack(command.v),
             a=pack(command.a),
             moving=command.moving,
-            scale=min(command.scale, 1.0),
+            scale=command.scale,
             progress=self._shield.progress,
             executed=command.executed,
             stop=command.stop,

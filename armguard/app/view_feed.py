@@ -402,7 +402,7 @@ def describe_shield(shield: Shield | None, command: Command | None) -> dict[str,
     if shield is None or command is None:
         return {}
     summary = CommandSummary(
-        scale=min(command.scale, 1.0),
+        scale=command.scale,
         reason="" if command.reason is None else str(command.reason),
         progress=shield.progress,
         is_proved=command.stop is None,

@@ -1,11 +1,11 @@
 """The process of a driver, for one connection to the robot; started by `watch`.
 
-It ends when the connection is lost: what the client library was left in is nobody's to mend.
+It ends when the connection is lost, since the client library cannot be used after that. `watch`
+starts another one.
 """
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import os
 import signal
@@ -40,9 +40,9 @@ def drive(options: DriveOptions, link: Link) -> None:
     """Connect, and drive until a measurement is done, or for ever; the arm is left at rest.
 
     Raises:
-        ArmLostError: The arm cannot be driven any more.
+        ArmLostError: The arm cannot be driven any more, or may not have come to rest.
         WrongArmError: Another arm answers.
-        KeyboardInterrupt: This process was told to end, or what started it has ended.
+        KeyboardInterrupt: A signal ends this process, or the process that watches it has ended.
     """
     # The module of the robot, and the library that it needs, are loaded here.
     from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
@@ -67,17 +67,15 @@ def drive(options: DriveOptions, link: Link) -> None:
             conduct = ProgramConduct(run, options, latencies, link, measurement)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
-        is_lost = False
+        loop = DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement)
         try:
-            DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement).run()
-        except ArmLostError:
-            is_lost = True
+            loop.run()
+        except KeyboardInterrupt:
+            arm.leave()
             raise
         finally:
             link.count(latencies.counts)
-            if not is_lost:
-                with contextlib.suppress(ArmLostError):
-                    arm.leave()
+        arm.leave()
     if measurement is not None:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())

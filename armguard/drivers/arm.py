@@ -11,7 +11,7 @@ makes real controllers stop protectively."""
 
 
 class ArmLostError(Exception):
-    """The robot cannot be reached, refuses, or does not do what it was told; says which."""
+    """The robot cannot be reached, or does not obey. The message says which."""
 
 
 class WrongArmError(Exception):
@@ -41,7 +41,7 @@ class ArmState(NamedTuple):
     trouble: str
     """Why it cannot be driven as it is, and what to do about it; empty where it can."""
     scale: float
-    """At which fraction of its speed it runs its program, as it was told last."""
+    """Fraction of its speed at which it runs its program."""
 
 
 class Arm(Protocol):

@@ -15,7 +15,7 @@ INTERVAL = 1.0
 """Between two lines, in [s]."""
 
 _KEPT = 10_000
-"""Durations of which percentiles are told."""
+"""How many of the newest durations the percentiles are taken of."""
 
 
 class Latencies:

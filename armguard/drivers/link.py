@@ -43,7 +43,7 @@ class Counts(msgspec.Struct):
     longest_gap: float = 0.0
     """Between two joint states, in [s]."""
     obeyed_p99: float = 0.0
-    """From the tick of a STOP until the robot was told, in [s]: 99 of 100 were faster."""
+    """Delay from the tick of a STOP to the order to the robot, in [s], 99th percentile."""
     obeyed_max: float = 0.0
     """The slowest of these, in [s]."""
 

@@ -30,7 +30,7 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     speed: float
     """Fraction of its speed that a program gets where nothing is near, above 0 and up to 1."""
     stop_within: float
-    """How long the arm may still move after it was told to pause, in [s]; then it is stopped."""
+    """How long the arm may move on after an order to pause, in [s]. Then it is stopped."""
     deceleration: float
     """Of that stop, in [rad/s²]."""
     payload: float

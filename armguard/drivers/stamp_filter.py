@@ -1,17 +1,18 @@
 """The stamps of a robot's clock as seconds of this machine's monotonic clock.
 
-A state arrives later than it was measured, by a delay that varies. The least delay of the last
-seconds says how far apart the two clocks are; the rest of each delay is jitter, which must not get
-into the stamps: two states that arrive together were not measured together.
+A state arrives later than it was measured, by a delay that varies. The least delay so far says how
+far apart the two clocks are. The rest of each delay is jitter, which must not get into the stamps:
+two states that arrive together were not measured together. Clocks drift apart, so the least delay
+may grow, but no faster than clocks do. A stream that lags more and more has older and older stamps.
 """
 
 from __future__ import annotations
 
 import math
 
-WINDOW = 5.0
-"""For so long, in [s], a least delay counts at least, and for twice as long at most: within it two
-clocks of 100 ppm drift apart by 1 ms at most."""
+DRIFT = 2e-4
+"""By how much two clocks drift apart in a second, in [s], at most: 100 ppm each. Where they drift
+faster, stamps are too early, and states count as older than they are."""
 
 LONGEST_DELAY = 1.0
 """Stamps that are off by more, either way, in [s], are not of the same clock."""
@@ -24,13 +25,11 @@ class StampFilter:
     """
 
     def __init__(self) -> None:
-        self._since = -math.inf
-        self._least = self._least_before = math.inf
+        self._least, self._arrived = math.inf, math.inf
 
     def fits(self, stamp: float, arrived: float) -> bool:
         """Whether a stamp can be of the clock that the ones before were of."""
-        least = min(self._least, self._least_before)
-        return math.isinf(least) or abs(arrived - stamp - least) <= LONGEST_DELAY
+        return math.isinf(self._least) or abs(arrived - stamp - self._least) <= LONGEST_DELAY
 
     def translate(self, stamp: float, arrived: float) -> float:
         """A stamp of the robot's clock in [s] of this machine's; never later than `arrived`.
@@ -39,8 +38,6 @@ class StampFilter:
             stamp: Of the robot's clock, in [s].
             arrived: When it was read, in [s] of this machine's monotonic clock.
         """
-        if not arrived < self._since + WINDOW:
-            self._since = arrived
-            self._least_before, self._least = self._least, math.inf
-        self._least = min(self._least, arrived - stamp)
-        return stamp + min(self._least, self._least_before)
+        grown = self._least + DRIFT * max(arrived - self._arrived, 0.0)
+        self._least, self._arrived = min(grown, arrived - stamp), arrived
+        return stamp + self._least

@@ -262,6 +262,7 @@ class UrMotionArm(UrArm):
             raise ArmLostError(trouble)  # no program would start
         self._period = 1.0 / options.rate
         self._braking: threading.Thread | None = None
+        self._has_braked_in_vain = False
         self._control = rtde_control.RTDEControlInterface(options.host, options.rate)
         self._do(self._control.setWatchdog, 1.0 / options.longest_silence)
         return receive
@@ -277,6 +278,8 @@ class UrMotionArm(UrArm):
     @property
     def is_braking(self) -> bool:
         """Whether it slows down: the library waits for it, in a thread."""
+        if self._has_braked_in_vain:
+            raise ArmLostError("the robot does not take the order to brake")
         return self._braking is not None and self._braking.is_alive()
 
     def follow(self, q: list[float]) -> None:
@@ -289,14 +292,19 @@ class UrMotionArm(UrArm):
 
     def brake(self) -> None:
         """Slow down to rest by `servoStop`."""
-        self._braking = threading.Thread(
-            target=self._control.servoStop, args=[STOP_DECELERATION], daemon=True
-        )
+        self._braking = threading.Thread(target=self._stop_servo, daemon=True)
         self._braking.start()
+
+    def _stop_servo(self) -> None:
+        is_taken = False
+        with contextlib.suppress(RuntimeError):
+            is_taken = self._control.servoStop(STOP_DECELERATION)
+        self._has_braked_in_vain = not is_taken
 
     def leave(self) -> None:
         """Stop the joints by `stopj`, which ends the program."""
-        stop_by_script(self._host, self._deceleration)
+        if not stop_by_script(self._host, self._deceleration):
+            raise ArmLostError("no script reaches the robot: stop it by hand")
 
     def _do(self, order: Callable[..., bool], *arguments: object) -> None:
         try:

@@ -197,17 +197,18 @@ def _attend(
     while driver.process.poll() is None:
         for word, text in driver.read(_WAIT):
             _take(driver, word, text, report, tell, told)
+        if driver.is_hanging:
+            driver.process.kill()
+            _stop(options, "the driver's process hung, and was ended", tell)
+            return LOST
         if is_over():
             driver.process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.process.wait(END_TIMEOUT)
             if driver.process.returncode is None:
+                driver.process.kill()
                 _stop(options, "the driver's process does not end", tell)
             break
-        if driver.is_hanging:
-            driver.process.kill()
-            _stop(options, "the driver's process hung, and was ended", tell)
-            return LOST
     else:
         if driver.process.returncode not in (0, WRONG_ARM, LOST):
             # Nothing else can stop the arm now.

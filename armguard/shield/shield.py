@@ -32,7 +32,7 @@ from armguard.shield.command import Command
 from armguard.shield.motion import Motion, Rest, Samples
 from armguard.shield.path import MotionLimits, Path
 from armguard.shield.tasks import FollowPaths, FollowPoints, KeepVelocity, Task
-from armguard.verdict import BRAKE, Effect, PlanChoice, Reason, ReasonKind, Verdict
+from armguard.verdict import BRAKE, Effect, PlanChoice, Reason, ReasonKind, Verdict, find_weightiest
 
 GRAIN = 0.01
 """Longest time between samples of a command, in [s]."""
@@ -220,15 +220,20 @@ class Shield:
                 reason = reason or choice.verdicts[0].reasons[0]
             if choice.number is not None:
                 piece, is_new = shown[choice.number], True
+        if self._has_left and reason is None:
+            reason = find_weightiest(verdict.reasons) or _refuse("arm", "has not come to rest yet")
         self._piece = piece
         motion = piece.find_motion(begin)
         samples = piece.samples
+        # A change of pace overshoots by a few thousandths.
+        scale = 0.0 if self._task is None else self._task.find_scale(motion, begin)
+        scale = min(max(scale, 0.0), 1.0)
         executed = self._points.count_passed(motion) if self._task is self._points else 0
         return Command(
             *samples,
             is_new,
             float(samples.times[-1]),
-            0.0 if self._task is None else self._task.find_scale(motion, begin),
+            scale,
             bool(samples.times[-1] > now and samples.v.any()),
             BRAKE if self._has_left else None,
             verdict,

@@ -1,8 +1,10 @@
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armguard.drivers.stamp_filter import WINDOW, StampFilter
+from armguard.drivers.stamp_filter import DRIFT, StampFilter
 
 PERIOD = 0.002
 
@@ -25,7 +27,9 @@ def test_states_that_arrive_together_keep_their_distance():
     stamps = StampFilter()
     stamps.translate(5.0, 100.0)
     held_up = [stamps.translate(5.0 + PERIOD * k, 100.3) for k in range(1, 100)]
-    assert held_up == pytest.approx([100.0 + PERIOD * k for k in range(1, 100)], abs=1e-9)
+    apart = [second - first for first, second in itertools.pairwise(held_up)]
+    assert apart == pytest.approx([PERIOD] * 98, abs=1e-9)
+    assert held_up[0] == pytest.approx(100.0 + PERIOD, abs=DRIFT * 0.3 + 1e-9)
 
 
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4])
@@ -37,7 +41,16 @@ def test_clocks_that_drift_are_followed(drift):
         stamp = stamps.translate(measured * (1.0 + drift), measured + 0.0005)
         worst = max(worst, abs(stamp - measured - 0.0005))
         assert stamp <= measured + 0.0005 + 1e-9
-    assert worst <= 2.0 * WINDOW * abs(drift) + 1e-6
+    assert worst <= 1e-6
+
+
+def test_a_stream_that_lags_more_and_more_is_never_stamped_as_fresh():
+    stamps = StampFilter()
+    for number in range(int(60.0 / PERIOD)):
+        measured = PERIOD * number
+        arrived = measured + 0.0005 + 0.01 * measured
+        stamp = stamps.translate(measured, arrived)
+        assert stamp <= measured + 0.0005 + DRIFT * arrived + 1e-9
 
 
 def test_another_clock_does_not_fit():

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from armguard.drivers.arm import ArmLostError, WrongArmError
-from armguard.drivers.ur import UrArm
+from armguard.drivers.ur import UrArm, UrMotionArm
 from armguard.lab.simulation.ur_controller import UrController
 from support.driven_cell import OPTIONS, find_host
 
@@ -57,3 +57,25 @@ def test_each_safety_mode_in_which_it_stands_has_words():
         assert "switch it on" in arm._find_trouble(mode, 1, 5.0)
     for payload in (5.1, float("nan"), float("inf")):
         assert "payload" in arm._find_trouble(7, 1, payload)
+
+
+class DeafControl:
+    """Takes no order to brake."""
+
+    def __init__(self, error=None):
+        self._error = error
+
+    def servoStop(self, deceleration):  # noqa: N802  # the library's name
+        if self._error is not None:
+            raise self._error
+        return False
+
+
+@pytest.mark.parametrize("error", [None, RuntimeError("lost")])
+def test_an_order_to_brake_that_is_not_taken_is_no_braking(error):
+    arm = object.__new__(UrMotionArm)
+    arm._control, arm._braking, arm._has_braked_in_vain = DeafControl(error), None, False
+    arm.brake()
+    arm._braking.join(5.0)
+    with pytest.raises(ArmLostError, match="order to brake"):
+        _ = arm.is_braking

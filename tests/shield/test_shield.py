@@ -243,6 +243,7 @@ def test_an_arm_that_was_left_to_brake_goes_back_to_its_path():
         if seen.stop == BRAKE:
             break
     assert seen.stop == BRAKE
+    assert seen.reason is not None
     # The arm brakes by its own means, harder than the command.
     arm.obstacles.remove(["ball0"])
     arm.balls.clear()

@@ -96,7 +96,7 @@ class DriverTable(_Table, kw_only=True):
     speed: Fraction = 1.0
     """The speed slider where nothing is near, from above 0 to 1."""
     stop_within: Positive = 1.0
-    """How long the arm may still move after it was told to pause, in [s]. Then it is stopped, which
+    """How long the arm may move on after an order to pause, in [s]. Then it is stopped, which
     ends its program."""
     deceleration: Positive = 4.0
     """Of that stop, in [rad/s²]."""

@@ -138,17 +138,8 @@ class RobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
                 time.sleep(max(0.0, start + tick * ROBOT_PERIOD - time.monotonic()))
 
 
-class ShieldedRobotNode(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+class ShieldedRobotNode(RobotNode, frozen=True, tag=True, kw_only=True):
     """Ask a shield for one way after the other, follow its commands, and publish joint states."""
-
-    joints: str
-    """Address of the monitor's joint states."""
-    verdicts: str
-    """Address of its verdicts."""
-    seed: int
-    """Of the arm's motion."""
-    robot: str
-    """Which arm."""
 
     def run(self) -> None:
         """Move until ended."""
