@@ -1,6 +1,5 @@
 """The benchmark beside recorded people runs, and its rivals are what they claim to be."""
 
-import importlib
 import math
 
 import numpy as np
@@ -13,11 +12,6 @@ from armguard.pairs import compute_separation
 from armguard.robot import OperatingLimits, Robot
 
 PERIOD = 0.01
-
-
-@pytest.fixture
-def load():
-    return importlib.import_module
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """The benchmark of a shield beside recorded people runs, and its rival is what it claims to be."""
 
-import importlib
 import itertools
 
 import numpy as np
@@ -9,19 +8,6 @@ import pytest
 from armguard.robot import Robot
 
 PERIOD = 0.01
-
-
-@pytest.fixture
-def load():
-    return importlib.import_module
-
-
-@pytest.fixture
-def recordings(load):
-    try:
-        return load("bench_recordings").find_recordings()
-    except SystemExit as missing:
-        pytest.skip(str(missing))
 
 
 def test_a_short_run(load, recordings, tmp_path):

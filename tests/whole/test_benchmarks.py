@@ -1,6 +1,5 @@
 """The benchmarks of the schedules run, and their contestants answer what they are asked."""
 
-import importlib
 import math
 
 import numpy as np
@@ -14,11 +13,6 @@ from armguard.robot.kinematics import ArmSpheres
 from armguard.verdict import Level
 
 ACCEL, SPEED, RADIUS = 10.0, 2.0, 0.1
-
-
-@pytest.fixture
-def load():
-    return importlib.import_module
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """A simulated arm follows a shield's commands, and its contacts are found."""
 
-import importlib
-
 import numpy as np
 import pytest
 
@@ -18,16 +16,7 @@ PERIOD = 0.004
 
 
 @pytest.fixture
-def load():
-    return importlib.import_module
-
-
-@pytest.fixture
-def benchmark(load):
-    try:
-        load("bench_recordings").find_recordings()
-    except SystemExit as missing:
-        pytest.skip(str(missing))
+def benchmark(load, recordings):
     return load("bench_shield_loop")
 
 

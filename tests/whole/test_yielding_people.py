@@ -1,16 +1,9 @@
 """Recorded people who yield, and the arm that presses them, both simulated."""
 
-import importlib
-
 import numpy as np
 import pytest
 
 pytest.importorskip("mujoco", reason="the extra `mujoco` simulates arm and people")
-
-
-@pytest.fixture
-def load():
-    return importlib.import_module
 
 
 def find_recordings(benchmark):
