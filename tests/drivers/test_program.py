@@ -1,26 +1,31 @@
 """Laws of driving a program, with an arm and verdicts that a test can hold in its hands."""
 
 import os
-import time
 
 import msgspec
 import pytest
 
+from armguard.drivers import loop as driving
+from armguard.drivers import program as running
 from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.loop import DriveLoop
 from armguard.drivers.program import RESUME_DELAY, ProgramConduct
 from armguard.verdict import Level
+from support import fake_arms
 from support.driven_cell import OPTIONS
-from support.fake_arms import FakeArm, FakeStreams
+from support.fake_arms import FakeArm, FakeClock, FakeStreams
 
 
 @pytest.fixture
-def made():
+def made(monkeypatch):
+    clock = FakeClock()
+    for module in (driving, running, fake_arms):
+        monkeypatch.setattr(module, "time", clock)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
-    latencies = Latencies(time.monotonic())
+    latencies = Latencies(clock.now)
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
@@ -28,8 +33,8 @@ def made():
     loop = DriveLoop(arm, conduct, options, streams, streams, latencies, link)
 
     def turn(seconds):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        end = clock.now + seconds
+        while clock.now < end:
             loop.turn()
 
     yield arm, streams, turn, lambda: os.read(reading, 100_000).decode()

@@ -7,6 +7,19 @@ from armguard.verdict import Level
 from support.verdict_samples import verdict
 
 
+class FakeClock:
+    """Stands for `time` in a module: it goes on by what is slept."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
 class FakeArm:
     """Does what it is told, at once, unless it is told to disobey."""
 
