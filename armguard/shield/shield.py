@@ -225,7 +225,7 @@ class Shield:
         self._piece = piece
         motion = piece.find_motion(begin)
         samples = piece.samples
-        # A change of pace overshoots by a few thousandths.
+        # Rounding may leave it a little outside.
         scale = 0.0 if self._task is None else self._task.find_scale(motion, begin)
         scale = min(max(scale, 0.0), 1.0)
         executed = self._points.count_passed(motion) if self._task is self._points else 0
