@@ -1,8 +1,8 @@
 """A camera that loses, swaps and misplaces what it sees, and bodies that know when it does.
 
 The bodies move within their bounds and tethers, and towards the arm as fast as these allow while
-they are hidden. Errors begin while a body is seen, and are so large that no body could have moved so in the
-time of the whole episode: a smaller one cannot be told from a motion.
+they are hidden. Errors begin while a body is seen, and are so large that no body could have moved
+so in the time of the whole episode: a smaller one cannot be told from a motion.
 """
 
 from __future__ import annotations
