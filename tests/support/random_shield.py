@@ -194,6 +194,7 @@ class RandomShield:
         self._wish = Wish()
         self._blind = self._silent = 0
         self._has_told = False
+        self._last_seen: tuple[float, np.ndarray, np.ndarray] | None = None
         self._asked = 0.0
         self._change_wish()
 
@@ -249,7 +250,7 @@ class RandomShield:
             self._is_misled = False
         if 0.1 < chance < 0.102:
             places[0] = np.nan
-        else:
+        elif self._last_seen is None or stamp >= self._last_seen[0]:
             self._last_seen = stamp, places, velocities
         self._tell(self.obstacles, stamp, places, velocities)
 
@@ -432,6 +433,7 @@ class RandomShield:
     def _check_by_another(self, plan: Plan, stamp, q, v) -> None:
         """That a monitor proves it that knows nothing but what was seen last."""
         obstacles = Obstacles(sources=["camera"])
+        assert self._last_seen is not None
         self._tell(obstacles, *self._last_seen)
         other = Monitor(self._robot, obstacles, payload=self.monitor.payload, **self._settings)
         other.step(stamp, q, v, self.now)
