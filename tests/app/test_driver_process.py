@@ -1,5 +1,7 @@
 """A run that starts the driver of its robot, with a simulated controller and the real client."""
 
+import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -25,6 +27,15 @@ def find_drivers(pid):
     return [int(line.split()[0]) for line in shown.stdout.splitlines() if " drive " in line]
 
 
+@contextlib.contextmanager
+def ended(process):
+    """In the end the process has ended, whatever has failed before."""
+    try:
+        yield
+    finally:
+        process.kill()
+
+
 def test_a_run_starts_its_driver_starts_it_again_and_ends_it(tmp_path):
     host = find_host()
     cell = tmp_path / "cell.toml"
@@ -32,14 +43,18 @@ def test_a_run_starts_its_driver_starts_it_again_and_ends_it(tmp_path):
     words = ["run", str(cell), "--drive", "--no-realtime", "--json"]
     for name in ("obstacles", "joints", "verdicts"):
         words += [f"--{name}", f"ipc://{tmp_path}/{name}"]
-    with UrController(host) as controller:
-        process = subprocess.Popen(
+    words += ["--parent", str(os.getpid())]
+    with (
+        UrController(host) as controller,
+        subprocess.Popen(
             [sys.executable, "-m", "armguard", *words],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-        )
+        ) as process,
+        ended(process),
+    ):
         lines = []
         reader = threading.Thread(target=lambda: lines.extend(process.stderr), daemon=True)
         reader.start()
@@ -55,8 +70,6 @@ def test_a_run_starts_its_driver_starts_it_again_and_ends_it(tmp_path):
         output = process.stdout.read()
         assert process.wait() == 0, lines
         reader.join()
-        process.stdout.close()
-        process.stderr.close()
     assert '"ticks"' in output
     with pytest.raises(FileNotFoundError):
         open(f"/proc/{driver}/status").close()
