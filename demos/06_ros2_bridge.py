@@ -18,7 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from armguard.app.cell import Cell
-from armguard.bridges import AnswerMaker, FrameErrors, Ros2Cell, read_speed_override
+from armguard.bridges import (
+    AnswerMaker,
+    FrameErrors,
+    Ros2Cell,
+    describe_verdict,
+    read_speed_override,
+)
 from armguard.exceptions import ArmguardError
 
 CELL = Path(__file__).with_name("cell.toml")
@@ -94,7 +100,7 @@ def main(arguments: tuple[str, ...] = ()) -> None:
         now = node.get_clock().now()
         verdict = cell.step(now.nanoseconds)
         speed.publish(answers.make_speed(read_speed_override(verdict)))
-        diagnostics.publish(answers.make_diagnostics(now.to_msg(), verdict))
+        diagnostics.publish(answers.make_diagnostics(now.to_msg(), describe_verdict(verdict)))
 
     def take(topic: str) -> Callable[[Any], None]:
         return lambda message: cell.take_obstacles(topic, message)

@@ -189,6 +189,8 @@ class Drive:
     """Which arm, in a cell with several."""
     joints: str = JOINTS_ADDRESS
     """Address of the monitor's joint states."""
+    obstacles: str = OBSTACLES_ADDRESS
+    """Address of its obstacles, for a driver that brings them along."""
     verdicts: str = VERDICTS_ADDRESS
     """Address of its verdicts."""
     measure: Flag = False

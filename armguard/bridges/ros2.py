@@ -359,14 +359,17 @@ class Diagnostic(NamedTuple):
     values: dict[str, str]
 
 
-def describe_verdict(verdict: Verdict | None) -> Diagnostic:
+def describe_verdict(
+    verdict: Verdict | None, problem: str = "no joint state has arrived yet"
+) -> Diagnostic:
     """A verdict as a diagnostic: CLEAR and AWARE are OK, SLOW is WARN, STOP is ERROR.
 
     Args:
         verdict: None: there is none, which is a STOP.
+        problem: Why there is none.
     """
     if verdict is None:
-        return Diagnostic(2, "STOP: no joint state has arrived yet", {"speed_scale": "0"})
+        return Diagnostic(2, f"STOP: {problem}", {"speed_scale": "0"})
     level = {Level.STOP: 2, Level.SLOW: 1}.get(verdict.level, 0)
     why = f": {verdict.reasons[0]}" if verdict.reasons else ""
     values = {
@@ -414,14 +417,9 @@ class AnswerMaker:
         self._to_byte = to_byte
         self._robot = robot
 
-    def make_diagnostics(self, stamp: Any, verdict: Verdict | None) -> Any:
-        """A verdict as a DiagnosticArray; None, where there is none yet, is a STOP.
-
-        Args:
-            stamp: A `builtin_interfaces/Time`.
-            verdict: The newest one.
-        """
-        level, message, values = describe_verdict(verdict)
+    def make_diagnostics(self, stamp: Any, diagnostic: Diagnostic) -> Any:
+        """What `describe_verdict` says, as a DiagnosticArray of a `builtin_interfaces/Time`."""
+        level, message, values = diagnostic
         status = self._status(
             level=self._to_byte(level),
             name="armguard",

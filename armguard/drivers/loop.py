@@ -89,7 +89,7 @@ class DriveLoop:
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at
-        if not silence <= self._options.longest_silence:
+        if not (self._arm.comes_back or silence <= self._options.longest_silence):
             raise ArmLostError(f"the robot has sent no state for {silence:.2g} s")
         if self._state is not None:
             is_silent = not silence <= self._options.timeout

@@ -260,7 +260,7 @@ def test_verdicts_are_diagnostics_and_a_speed(panda):
 def test_answers_are_written_and_read_as_ros_does():
     answers = AnswerMaker(STORE.types.__getitem__, int, "panda")
     for made in (
-        answers.make_diagnostics(header(0.0).stamp, None),
+        answers.make_diagnostics(header(0.0).stamp, describe_verdict(None)),
         answers.make_speed(0.25),
     ):
         kind = made.__msgtype__

@@ -44,10 +44,10 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
 
     monkeypatch.setattr(sys, "executable", "/bin/true")
     monkeypatch.setattr(watching, "_attend", interrupt)
-    monkeypatch.setattr(watching, "stop_by_script", lambda *where: stopped.append(where) or True)
+    monkeypatch.setattr(watching, "stop_alone", stopped.append)
     with pytest.raises(KeyboardInterrupt):
         watching.watch(OPTIONS, lambda _: None, lambda: False, 10.0)
-    assert stopped == [("127.0.0.1", 4.0)]
+    assert stopped == [OPTIONS]
 
 
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
