@@ -12,6 +12,9 @@ from armguard.streams.keys import Keys
 WRONG_ARM, LOST = 2, 3
 """Exit codes: another try is of no use; the robot was lost, and was stopped if it could be."""
 
+LONGEST_HANG = 2.0
+"""Silence after which the process of a robot that stops by itself is ended, in [s]."""
+
 
 class ObstacleTopic(msgspec.Struct, frozen=True, kw_only=True):
     """A topic of a ROS 2 graph that shows obstacles."""
@@ -98,8 +101,12 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def longest_silence(self) -> float:
-        """Silence of the robot, or of this process, after which the arm is stopped, in [s]."""
-        return 3.0 * self.timeout
+        """Silence of the robot, or of this process, after which the arm is stopped, in [s].
+
+        In a ROS 2 graph the robot stops by itself where this process is silent, so that one may
+        take longer before another is started.
+        """
+        return 3.0 * self.timeout if self.ros2 is None else LONGEST_HANG
 
     def load_keys(self) -> Keys | None:
         """The keys of the client; None where there are none."""

@@ -79,7 +79,8 @@ class OverrideConduct:
         self._order = order
         says_why = order.cause in ("", "STOP")
         self._arm.report(verdict if says_why else None, order.cause)
-        self._check(moment)
+        if moment.is_new:
+            self._check(moment)
 
     def _check(self, moment: Moment) -> None:
         """See that the arm has stopped in time."""
