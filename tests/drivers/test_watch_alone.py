@@ -6,6 +6,7 @@ import pytest
 
 from armguard.drivers import watch as watching
 from armguard.drivers.options import DriveOptions
+from armguard.exceptions import ArmguardError
 
 OPTIONS = DriveOptions(
     driver="ur",
@@ -58,3 +59,10 @@ def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
     finally:
         driver.close()
     assert (bool(report.problem), report.measured) == (True, "")
+
+
+@pytest.mark.parametrize(("driver", "extra"), [("ur", "ur"), ("ros2", "dds")])
+def test_what_is_not_installed_is_told_with_the_remedy(monkeypatch, driver, extra):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ArmguardError, match=rf"pip install 'armguard\[{extra}\]'"):
+        watching.check_library(driver)

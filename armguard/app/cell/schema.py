@@ -550,6 +550,8 @@ _NAMED: dict[str, type[msgspec.Struct]] = {
     "keys.clients": ClientTable,
     "bounds.of": PatternTable,
     "contact_limits": ContactTable,
+    "robot.driver.obstacles": ObstacleTopicTable,
+    "robot.driver.frames": FrameErrorsTable,
 }
 """Tables of entries with free names, each of which has one form; patterns have a word besides."""
 
@@ -664,7 +666,8 @@ def _translate(
 ) -> CellError:
     """One of our errors from one of msgspec's, which looks like "Expected … - at `$.a[0].b`"."""
     text, _, place = str(error).partition(" - at ")
-    place = place.strip("`")
+    # Of entries with free names within [[robots]] msgspec does not say which one was wrong.
+    place = place.strip("`").partition("[...]")[0]
     steps = re.findall(r"\.(\w+)|\[(\d+)\]", place)
     value = raw
     for name, index in steps:
@@ -687,7 +690,7 @@ def _translate(
     if "missing" in text:
         return make_error(file, key, "is missing")
     known = getattr(_table_at(kind, steps, raw), "__struct_fields__", ())
-    found = value[field[1]] if isinstance(value, Mapping) else value
+    found = value.get(field[1]) if isinstance(value, Mapping) else value
     removed = _REMOVED.get(key.partition(".")[0], {}).get(field[1])
     if removed is not None:
         return make_error(file, key, "is no key any more", f"no such key: {removed}")
