@@ -63,14 +63,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         ArmguardError: The cell cannot be read, has no driver, or does not fit its robot.
     """
     cell = Cell.load(wishes.cell, wishes.arm)
-    table = cell.tables.robot.driver
-    if table is None:
-        raise make_error(
-            cell.file,
-            "robot.driver",
-            "is missing",
-            '{ name = "ur", host = "…", model = "UR5e" }, or { name = "ros2" }',
-        )
+    table = cell.find_driver()
     key_files = read_key_files(wishes.key, wishes.server_key)
     if key_files is not None:
         Keys.load(*key_files)
