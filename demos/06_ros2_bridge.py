@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """A ROS 2 node that supervises an arm: joint states and perception in, diagnostics and a speed out.
 
 Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs). What is in `armguard.bridges.ros2` is tested with
