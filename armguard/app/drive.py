@@ -190,5 +190,5 @@ def _summarise(report: Report) -> str:
         f"{counts.states} joint states by {report.connections} {connections}, longest gap "
         f"{1e3 * counts.longest_gap:.1f} ms; {counts.stops} stops, {counts.silences} of them "
         f"without a valid verdict, ordered within p99 {1e3 * counts.obeyed_p99:.1f} ms; "
-        f"{counts.hard_stops} ended the program"
+        f"{counts.hard_stops} by another way than the usual one"
     )
