@@ -6,6 +6,7 @@ clock, so that a date that is set while we run moves nothing.
 
 from __future__ import annotations
 
+import itertools
 import math
 import signal
 import time
@@ -175,8 +176,9 @@ class Ros2Arm:
                 self._complain("transforms", str(error))
 
     def _take_obstacles(self, source: _Source) -> None:
+        """Take one message at most, so that a verdict waits for no more than that."""
         unreadable = source.inlet.unreadable
-        for message in source.inlet.take():
+        for message in itertools.islice(source.inlet.take(), 1):
             try:
                 gone, shown = source.reader.read(message)
                 if gone:
@@ -283,7 +285,9 @@ class Ros2Arm:
         silent for long is not known, so nothing is sent: it goes on to the end of its motion.
         """
         state, now = self._state, time.monotonic()
-        if self._trajectory is None or state is None or not now - state.stamp <= self._timeout:
+        if self._trajectory is None or state is None:
+            return False
+        if not abs(now - state.stamp) <= self._timeout:
             return False
         q, v = np.array(state.q), np.array(state.v)
         duration = max(float(np.abs(v).max()) / self._deceleration, SHORTEST_BRAKING)

@@ -41,7 +41,9 @@ class TrajectoryConduct(MotionConduct):
         super().act(moment)
         verdict = moment.verdict
         is_valid = verdict is not None and moment.now <= verdict.valid_until
-        self._sender.report(verdict if is_valid else None, "no valid verdict")
+        says_why = is_valid and not moment.hindrance
+        problem = moment.hindrance or "no valid verdict"
+        self._sender.report(verdict if says_why else None, problem)
 
     def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
         before = self._followed

@@ -225,6 +225,13 @@ def test_a_braking_trajectory_slows_down_evenly_from_where_the_arm_is(bench):
     assert not bench.arm.stop(), "where it is now is not known"
 
 
+@pytest.mark.parametrize("age", [-5.0, 5.0])
+def test_a_state_of_another_time_brakes_nothing(bench, age):
+    message = made.joint_state(since() - age, ["b", "a"], [0.2, 0.1], [-1.0, 0.4])
+    bench.tell(bench.states, message, lambda one: one)
+    assert not bench.arm.stop()
+
+
 def test_a_motion_is_sent_with_the_stamps_of_the_graph(monkeypatch):
     bench = Bench(monkeypatch, follows=True)
     times, q = np.array([0.0, 0.5]), np.array([[0.1, 0.2], [0.3, 0.4]])

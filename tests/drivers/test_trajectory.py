@@ -130,6 +130,8 @@ def test_a_verdict_is_shown_while_it_is_valid():
     made.verdict = verdict(Level.CLEAR, valid_until=made.now + 0.015)
     made.act(None)
     assert made.arm.reports[-1][0] is made.verdict
+    made.act(None, 0.0, hindrance="the robot is silent")
+    assert made.arm.reports[-1] == (None, "the robot is silent")
     made.act(None)
     assert made.arm.reports[-1] == (None, "no valid verdict")
 
