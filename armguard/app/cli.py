@@ -180,7 +180,8 @@ class Shield(Run):
 class Drive:
     """Join a robot to a running monitor: joint states out, verdicts obeyed.
 
-    The robot is that of [robot.driver] in the cell file. Without a valid verdict it stands.
+    The robot is that of [robot.driver] in the cell file: an arm of Universal Robots, or one in a
+    ROS 2 graph. Without a valid verdict it stands.
 
     Example: armguard drive demos/ur5e.toml
     """
@@ -191,6 +192,8 @@ class Drive:
     """Which arm, in a cell with several."""
     joints: str = JOINTS_ADDRESS
     """Address of the monitor's joint states."""
+    obstacles: str = OBSTACLES_ADDRESS
+    """Address of its obstacles, for a driver that brings them along."""
     verdicts: str = VERDICTS_ADDRESS
     """Address of its verdicts."""
     measure: Flag = False

@@ -15,7 +15,6 @@ import msgspec
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
-from armguard.app.cell.schema import make_error
 from armguard.app.loop import Observer, RateLoop, RunOptions, run
 from armguard.app.premises import describe_missing_limits, list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
@@ -178,10 +177,7 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
 
 def check_driver(cell: Cell, wishes: cli.Run) -> None:
     """Raise ArmguardError unless a run can start the driver of its cell."""
-    if cell.tables.robot.driver is None:
-        raise make_error(
-            cell.file, "robot.driver", "is missing", '{ name = "ur", host = "…", model = "UR5e" }'
-        )
+    cell.find_driver()
     if cell.tables.keys is not None or wishes.joints == "-":
         why = "the cell has keys" if cell.tables.keys is not None else "joint states are read here"
         raise ArmguardError(

@@ -5,8 +5,8 @@ import os
 import msgspec
 import pytest
 
+from armguard.drivers import latencies as counting
 from armguard.drivers import loop as driving
-from armguard.drivers import program as running
 from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
@@ -21,7 +21,7 @@ from support.fake_arms import FakeArm, FakeClock, FakeStreams
 @pytest.fixture
 def made(monkeypatch):
     clock = FakeClock()
-    for module in (driving, running, fake_arms):
+    for module in (driving, counting, fake_arms):
         monkeypatch.setattr(module, "time", clock)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)

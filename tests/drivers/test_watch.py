@@ -11,8 +11,7 @@ import pytest
 
 from armguard.drivers.link import Counts
 from armguard.drivers.ur import JOINTS
-from armguard.drivers.watch import Report, check_library
-from armguard.exceptions import ArmguardError
+from armguard.drivers.watch import Report
 from armguard.lab.simulation.ur_controller import (
     PAUSED,
     PLAYING,
@@ -268,12 +267,6 @@ def test_another_robot_than_that_of_the_cell_is_refused(tmp_path):
         wait_until(lambda: cell.lines)
         (line,) = cell.lines
         assert "is a UR10, no UR5e" in line
-
-
-def test_what_is_not_installed_is_told_with_the_remedy(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ArmguardError, match=r"pip install 'armguard\[ur\]'"):
-        check_library("ur")
 
 
 def test_a_report_is_plain_data():

@@ -43,7 +43,7 @@ ROOMS = {
     "verdict",
     "people": "obstacles jit",
     "bridges": "messages monitor robot obstacles verdict",
-    "drivers": "messages streams verdict",
+    "drivers": "messages bridges streams verdict",
     "gymnasium": "shield monitor robot obstacles jit",
     "app": "all but lab",
     "lab": EVERYTHING,

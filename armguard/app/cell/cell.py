@@ -25,8 +25,10 @@ from armguard.app.cell.schema import (
     IgnoreTable,
     OperatingTable,
     RobotTable,
+    Ros2Table,
     SourceTable,
     ToolTable,
+    UrTable,
     given,
     make_error,
     parse_cell,
@@ -154,6 +156,18 @@ class Cell:
             return str(urdf), [str(package) for package in packages]
         folders = [str(self._folder / folder) for folder in table.package_dirs]
         return str(self._folder / table.urdf), folders
+
+    def find_driver(self) -> UrTable | Ros2Table:
+        """How `armguard drive` joins its robot.
+
+        Raises:
+            CellError: The file does not say.
+        """
+        table = self.tables.robot.driver
+        if table is None:
+            example = '{ name = "ur", host = "…", model = "UR5e" }, or { name = "ros2" }'
+            raise make_error(self.file, "robot.driver", "is missing", example)
+        return table
 
     @property
     def sources(self) -> dict[str, SourceTable]:
