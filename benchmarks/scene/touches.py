@@ -13,7 +13,6 @@ from armguard.settings.contact_limits import ContactLimits
 from scene.clearance import Leaves, nearest_on_segment
 from scene.recorded_people import NAMES, RADII
 
-
 RESTING = 1e-9
 """What is slower rests, in [m]/[s]: rounding is left at the end of a stop."""
 
