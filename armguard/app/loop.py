@@ -15,7 +15,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -354,6 +354,8 @@ class RunOptions:
     """Bound for readers of verdicts."""
     record: Path | None = None
     """Where to write a recording: a new file, or a folder for one; None: nowhere."""
+    recorder_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Further keywords of `Recorder`."""
     duration: float = math.inf
     """How long to run, in [s]."""
     reset_token: str | None = None
@@ -439,7 +441,8 @@ def run(
             if authenticator is not None:
                 resources.enter_context(authenticator)
         if options.record is not None:
-            log = RunRecording(armguard.Recorder(options.record, monitor), edge.faults, tell)
+            recorder = armguard.Recorder(options.record, monitor, **options.recorder_options)
+            log = RunRecording(recorder, edge.faults, tell)
             resources.callback(log.close)
             observers.insert(0, log)
         inputs: list[Input] = []

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import shlex
 import socket
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -44,6 +45,12 @@ if TYPE_CHECKING:
 REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor, and for its answer, in [s]."""
 
+HOUR, DAY = 3600.0, 86_400.0
+"""[s]."""
+
+MEGABYTE = 1e6
+"""[bytes]."""
+
 PROGRESS_INTERVAL = 2.0
 """Between two lines about the progress of long work where there is no terminal, in [s]."""
 
@@ -66,11 +73,13 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         from armguard.recording.recorder import check_new
 
         check_new(wishes.record)
+    recorder_options = read_recorder_options(wishes)
     options = RunOptions(
         wishes.obstacles,
         wishes.joints,
         wishes.verdicts,
         record=wishes.record,
+        recorder_options=recorder_options,
         duration=wishes.duration,
         reset_token=wishes.reset_token,
         realtime=not wishes.no_realtime,
@@ -163,6 +172,39 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
     else:
         make_console().print(draw_summary(summary))
     return 0
+
+
+def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
+    """What the command line says of the recording, as keywords of `Recorder`.
+
+    Raises:
+        ArmguardError: There is no recording of which it is said, or the key cannot be used.
+    """
+    told = {
+        "--sign": wishes.sign,
+        "--part-hours": wishes.part_hours,
+        "--part-megabytes": wishes.part_megabytes,
+        "--keep-days": wishes.keep_days,
+    }
+    if wishes.record is None:
+        for name, value in told.items():
+            if value is not None:
+                raise ArmguardError(name, "is for recordings", expected="--record beside it")
+        return {}
+    from armguard.recording.parts import Rotation
+    from armguard.recording.signing import FileSigner
+
+    for name, value in list(told.items())[1:]:
+        if value is not None and not 0.0 < value < math.inf:
+            raise ArmguardError(name, f"is {value}", expected="a number above 0")
+    if wishes.sign is not None:
+        FileSigner(wishes.sign)
+    rotation = Rotation(
+        duration=wishes.part_hours and wishes.part_hours * HOUR,
+        size=wishes.part_megabytes and wishes.part_megabytes * MEGABYTE,
+        keep=wishes.keep_days and wishes.keep_days * DAY,
+    )
+    return {"key": wishes.sign, "rotation": rotation}
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:
@@ -261,6 +303,31 @@ def make_keys(name: str, folder: Path) -> int:
         f'public = "{key}"\nmay = ["obstacles"]\n\n'
         "or for the monitor itself, with the path from the cell file:\n\n"
         f'[keys]\nsecret = "{secret.name}"',
+        soft_wrap=True,
+    )
+    return 0
+
+
+def make_signing_keys(name: str, folder: Path) -> int:
+    """Make a key pair that signs recordings, and tell what to do with it; the exit code.
+
+    Args:
+        name: Of who records.
+        folder: Where its two files go.
+
+    Raises:
+        ArmguardError: A file is there already, or cannot be written, or the package for signatures
+            is missing.
+    """
+    from armguard.recording.signing import write_signing_pair
+
+    secret, public, key = write_signing_pair(name, folder)
+    make_console().print(
+        f"{secret}: stays on the machine that records, for its owner alone to read\n"
+        f"{public}: for all that verify its recordings; keep a copy elsewhere\n"
+        f"public key: {key}\n\n"
+        f"armguard run CELL --record FOLDER --sign {shlex.quote(str(secret))}\n"
+        f"armguard replay FILE --verify --key {shlex.quote(str(public))}",
         soft_wrap=True,
     )
     return 0

@@ -122,6 +122,23 @@ def test_new_keys_are_written_once_and_tell_what_goes_into_the_cell_file(tmp_pat
     check_mistake(capsys, arguments, "has keys already")
 
 
+def test_keys_that_sign_recordings_tell_how_they_are_used(cell, tmp_path, capsys):
+    arguments = ["keys", "new", "recorder", "--recordings", "--dir", str(tmp_path)]
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    secret = str(tmp_path / "recorder.secret")
+    assert f"--sign {secret}" in told
+    assert f"--verify --key {tmp_path / 'recorder.public'}" in told
+    check_mistake(capsys, arguments, "has keys already")
+    run = ["run", str(cell), "--sign"]
+    check_mistake(capsys, [*run, secret], "--sign: is for recordings")
+    recorded = ["--record", str(tmp_path)]
+    check_mistake(capsys, [*run, "nowhere", *recorded], "nowhere: cannot be read")
+    for option in ("--part-hours", "--part-megabytes", "--keep-days"):
+        for value in ("0", "-1", "nan", "inf"):
+            check_mistake(capsys, ["run", str(cell), option, value, *recorded], f"{option}: is")
+
+
 def add_keys(cell, folder, **rights):
     """Give a cell file keys; those of its clients by name."""
     secret, public, _ = write_new_pair("monitor", folder)

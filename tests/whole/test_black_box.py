@@ -10,7 +10,7 @@ import signal
 import pytest
 
 from armguard.app.cli import main
-from armguard.recording import replay
+from armguard.recording import replay, verify
 from support.demo_processes import SOON, RunningDemo, finish, wait_until
 from support.recordings_made import read_verdicts
 
@@ -58,6 +58,9 @@ def test_whichever_process_is_killed_the_file_reads_up_to_its_last_chunk(role, t
     assert report.compared > 50
     assert report.is_identical
     assert report.is_cut_off == (role == "recorder")
+    (chain,) = verify(path)
+    assert chain.is_intact == (role != "recorder")
+    assert all("the end is missing" in problem for problem in chain.problems)
 
 
 def test_a_file_that_is_there_is_a_mistake_before_anything_starts(tmp_path, capsys):
