@@ -141,6 +141,8 @@ class Run:
     """Let the recording go on in another file once one is so large."""
     keep_days: float | None = None
     """Remove files of recordings in that folder so long after their last change."""
+    expect: str | None = None
+    """Start only if the configuration has this digest, which a start tells."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")

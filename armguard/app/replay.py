@@ -180,7 +180,8 @@ def replay_own(wishes: cli.Replay) -> int:
     run = Replay(recording, changes)
     stops, watch, took = lead(run.monitor, run.ticks(), wishes)
     report, explained = run.report(), explain_tick(run.monitor, watch)
-    found = summarise(report, stops, took, changes)
+    configuration = recording.provenance.get("configuration", "")
+    found = summarise(report, stops, took, changes, configuration)
     words: Sequence[str | Table] = describe_replay(recording, report, stops, took)
     if changes:
         words = describe_changes(stops, changes)
@@ -484,10 +485,11 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
 
 
 def summarise(
-    report: ReplayReport, stops: StopList, took: float, changes: dict[str, str]
+    report: ReplayReport, stops: StopList, took: float, changes: dict[str, str], configuration: str
 ) -> dict[str, Any]:
     """The object that `--json` prints."""
     return {
+        "configuration": configuration,
         "ticks": report.ticks,
         "compared": report.compared,
         "identical": report.is_identical,
@@ -510,7 +512,8 @@ def describe_replay(
     faster = stops.seconds / took if took > 0.0 else math.inf
     words = [
         f"{recording.path}: {report.ticks} verdicts, {len(stops.stops)} stops in "
-        f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast"
+        f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast",
+        f"configuration {recording.provenance.get('configuration', 'unknown')}",
     ]
     if report.is_cut_off:
         words.append(

@@ -85,6 +85,7 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         realtime=not wishes.no_realtime,
         json_verdicts=wishes.json_verdicts,
         moves=moves,
+        expect=wishes.expect,
     )
     inputs = (wishes.obstacles, wishes.joints or JOINTS_ADDRESS)
     console = make_console(stderr=True)
@@ -125,9 +126,11 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
             for line in told:
                 announcer.tell(line)
 
-        def tell_prepared(monitor: Monitor) -> None:
+        def tell_prepared(monitor: Monitor, configuration: str) -> None:
             waiting.stop()
-            observer.monitor = monitor
+            observer.monitor, observer.configuration = monitor, configuration
+            if not wishes.quiet:
+                announcer.tell(f"configuration {configuration}")
             if monitor.choice is not None and not wishes.quiet:
                 for line in monitor.choice.summary:
                     announcer.tell(f"settings chosen: {line}")
@@ -429,6 +432,8 @@ class _Observer(Observer):
         self._feed: MonitorFeed | None = None
         self.monitor: Monitor | None = None
         """What is observed, once it is there."""
+        self.configuration = ""
+        """Digest of what it was made with."""
 
     def begin(self, addresses: Mapping[str, str], *, obeys_reset: bool) -> None:
         """Tell the views of the cell, before the first tick.
@@ -450,6 +455,7 @@ class _Observer(Observer):
             obeys_reset=obeys_reset,
             arm=self._cell.arm,
             recording=self._recording,
+            configuration=self.configuration,
         )
         self._feed = MonitorFeed(self.monitor, self._publisher, origin)
 

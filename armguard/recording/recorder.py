@@ -28,7 +28,10 @@ from armguard.exceptions import ArmguardError
 from armguard.messages.answers import to_plan_message, to_verdict_message
 from armguard.messages.batch import ObstacleBatch, pack_batch
 from armguard.messages.events import FaultsTaken, Payload, StaticObstacle, TetherStated
+from armguard.monitor.configuration import digest_configuration
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.portable import describe_settings
+from armguard.monitor.provenance import describe_provenance
 from armguard.recording.events import (
     FORMAT,
     NUMBERS,
@@ -42,9 +45,7 @@ from armguard.recording.events import (
 from armguard.recording.inputs import make_plan, make_state
 from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
 from armguard.recording.parts import NO_ROTATION, Rotation, name_by_time, open_file
-from armguard.recording.provenance import describe_provenance
 from armguard.recording.ring import Ring, create_memory
-from armguard.recording.settings import describe_settings
 from armguard.recording.signing import FileSigner
 from armguard.robot.portable import describe_bodies, describe_robot
 from armguard.verdict import PlanVerdict, Verdict
@@ -85,6 +86,7 @@ class Recorder:
         key: Secret file of the key that signs the file, as `armguard keys new --recordings` writes
             it; None: it is not signed.
         rotation: When the recording goes on in another file, and how long files are kept.
+        configuration: Digest of what the monitor was made with; None: that of the monitor itself.
 
     Attributes:
         path: The file; the first one, where the recording goes on in others.
@@ -104,6 +106,7 @@ class Recorder:
         capacity: int = CAPACITY,
         key: str | Path | None = None,
         rotation: Rotation = NO_ROTATION,
+        configuration: str | None = None,
     ) -> None:
         check_installed()
         _check_untouched(monitor)
@@ -123,7 +126,7 @@ class Recorder:
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
-        start = self._describe_start()
+        start = self._describe_start(configuration or digest_configuration(monitor))
         self.path, file = open_new(Path(path))
         options = WriterOptions(
             str(self.path.absolute()), "" if key is None else str(Path(key).absolute()), rotation
@@ -289,12 +292,13 @@ class Recorder:
         if not (self._stepping and isinstance(message, FaultsTaken)):
             self._note(lambda: message)
 
-    def _describe_start(self) -> list[tuple[int, tuple[Any, ...]]]:
+    def _describe_start(self, configuration: str) -> list[tuple[int, tuple[Any, ...]]]:
         """What stands once at the start of the file."""
         monitor = self._monitor
         provenance = {
             "format": str(FORMAT),
             **describe_provenance(monitor.robot),
+            "configuration": configuration,
             "monotonic_offset_ns": str(self._clock_offset),
         }
         robot = msgspec.json.encode(describe_robot(monitor.robot))

@@ -132,11 +132,13 @@ def is_signed(key: str, signature: str, head: str) -> bool:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
     try:
+        signed = bytes.fromhex(signature)
         public = Ed25519PublicKey.from_public_bytes(bytes.fromhex(key))
-        public.verify(bytes.fromhex(signature), _CONTEXT + head.encode())
+        public.verify(signed, _CONTEXT + head.encode())
     except (ValueError, InvalidSignature):
         return False
-    return True
+    # No other spelling of the same digits counts, so that a changed byte is one.
+    return signed.hex() == signature
 
 
 def check_installed() -> None:

@@ -26,6 +26,8 @@ def test_what_a_pair_signs_is_known_by_its_public_file(pair, tmp_path):
     signature = signer.sign("abc")
     assert is_signed(key, signature, "abc")
     assert not is_signed(key, signature, "abd")
+    assert not is_signed(key, signature.upper(), "abc")
+    assert not is_signed(key, f"{signature} ", "abc")
     other = FileSigner(write_signing_pair("other", tmp_path)[0])
     assert not is_signed(other.public, signature, "abc")
     assert not is_signed(key, other.sign("abc"), "abc")

@@ -77,9 +77,13 @@ def test_any_byte_that_is_changed_is_found(whole, tmp_path):
     places = [*rng.sample(range(len(whole)), 150), 8, len(whole) - 1]
     for _, begin, end in read_links(whole):
         places += [*range(begin, begin + 14), rng.randrange(begin, end), end - 1]
-    for place in places:
+    changes = [(place, 1 << rng.randrange(8)) for place in places]
+    # Letters of the last link in the other case: the same digits, and another file.
+    _, begin, end = read_links(whole)[-1]
+    changes += [(place, 0x20) for place in range(begin, end) if chr(whole[place]) in "abcdef"]
+    for place, bits in changes:
         data = bytearray(whole)
-        data[place] ^= 1 << rng.randrange(8)
+        data[place] ^= bits
         if place < 8:
             with pytest.raises(ArmguardError, match="is no MCAP file"):
                 find(data, tmp_path / "a.mcap")

@@ -5,13 +5,13 @@ import pytest
 
 from armguard.messages.events import StaticObstacle
 from armguard.messages.incoming import ResetMessage
+from armguard.monitor.portable import describe_settings
 from armguard.recording import Recording, Rotation, verify
 from armguard.recording import writer as writer_module
 from armguard.recording.events import FORMAT, NUMBERS, JointState, Log, Time
 from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.scene import Scene
-from armguard.recording.settings import describe_settings
 from armguard.recording.writer import PatientFile, RecordingWriter, write_recording
 from armguard.robot.portable import describe_robot
 from support import eventful_runs
