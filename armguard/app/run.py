@@ -183,21 +183,20 @@ def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
     Raises:
         ArmguardError: There is no recording of which it is said, or the key cannot be used.
     """
-    told = {
-        "--sign": wishes.sign,
+    amounts = {
         "--part-hours": wishes.part_hours,
         "--part-megabytes": wishes.part_megabytes,
         "--keep-days": wishes.keep_days,
     }
     if wishes.record is None:
-        for name, value in told.items():
-            if value is not None:
+        for name, told in {"--sign": wishes.sign, **amounts}.items():
+            if told is not None:
                 raise ArmguardError(name, "is for recordings", expected="--record beside it")
         return {}
     from armguard.recording.parts import Rotation
     from armguard.recording.signing import FileSigner
 
-    for name, value in list(told.items())[1:]:
+    for name, value in amounts.items():
         if value is not None and not 0.0 < value < math.inf:
             raise ArmguardError(name, f"is {value}", expected="a number above 0")
     if wishes.sign is not None:

@@ -81,7 +81,7 @@ def read_link(record: bytes) -> Link | None:
         return None
     fields = Metadata.read(ReadDataStream(io.BytesIO(record))).metadata
     numbers = {key: int(fields[key]) for key in ("part", "chunk", "begin", "end")}
-    link = Link(**{**fields, **numbers})  # type: ignore[arg-type]
+    link = Link(**{**fields, **numbers})
     if _write_record(link)[-len(record) :] != record:
         raise ValueError("a link is written in another form")
     return link
@@ -91,9 +91,9 @@ def _write_record(link: Link) -> bytes:
     from mcap.data_stream import RecordBuilder
     from mcap.records import Metadata
 
-    builder = RecordBuilder()
+    builder: Any = RecordBuilder()  # its types are incomplete
     Metadata(LINK, link.to_fields()).write(builder)
-    return builder.end()
+    return bytes(builder.end())
 
 
 class File(Protocol):
