@@ -235,6 +235,7 @@ def test_views_are_told_what_is_waited_for(cell, addresses, tmp_path, monkeypatc
     assert frames[-1].verdict.level == "STOP"
 
 
+@pytest.mark.hazard("H-10")
 def test_a_configuration_has_one_digest_everywhere_and_another_one_does_not_start(
     cell, addresses, tmp_path, monkeypatch, capfd
 ):

@@ -74,6 +74,7 @@ def shorten(described):
     return described
 
 
+@pytest.mark.hazard("H-10")
 @pytest.mark.parametrize("motion", ["joint", "daa", "committed"])
 def test_whatever_is_changed_changes_the_digest(motion):
     """Every number by its last bit, every word by a letter, every switch."""

@@ -239,6 +239,7 @@ def is_waiting(pid):
     return len(calls) == 1 and any("pipe" in call or call in ("", "0") for call in calls)
 
 
+@pytest.mark.hazard("H-09")
 def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     """A pipe that nothing reads is a disk that takes nothing: by count, not by time."""
     path, copy = tmp_path / "pipe", tmp_path / "run.mcap"

@@ -71,6 +71,7 @@ def test_a_recording_as_it_was_written_is_intact(whole, tmp_path, keys):
         assert result.keys == (read_signing_key(keys[1]),)
 
 
+@pytest.mark.hazard("H-11")
 def test_any_byte_that_is_changed_is_found(whole, tmp_path):
     """In chunks, links, index, and the lengths of records: wherever it is."""
     rng = random.Random(0)
@@ -106,6 +107,7 @@ def test_a_changed_byte_is_named_by_its_chunk_and_time(whole, tmp_path):
         assert result.chunks == CHUNKS - (1 <= number <= CHUNKS)
 
 
+@pytest.mark.hazard("H-11")
 def test_a_removed_chunk_is_named(whole, tmp_path):
     parts = split(whole)
     for number in range(1, CHUNKS + 1):
@@ -116,6 +118,7 @@ def test_a_removed_chunk_is_named(whole, tmp_path):
     assert re.match(r"chunks 2 to 4, recorded from .*:01\.000 to .*:05\.000", result.problems[0])
 
 
+@pytest.mark.hazard("H-11")
 def test_chunks_that_were_exchanged_are_named(whole, tmp_path):
     parts = split(whole)
     parts[2], parts[5] = parts[5], parts[2]
@@ -127,6 +130,7 @@ def test_chunks_that_were_exchanged_are_named(whole, tmp_path):
     assert any("chunk 3: it is there 2 times" in one for one in told)
 
 
+@pytest.mark.hazard("H-11")
 def test_an_end_that_is_cut_off_is_found_and_what_is_left_verifies(whole, tmp_path):
     links = read_links(whole)
     for length in [*range(200, len(whole), len(whole) // 60), len(whole) - 1]:
@@ -160,6 +164,7 @@ def forge(whole, change):
     return data + whole[place:]
 
 
+@pytest.mark.hazard("H-11")
 def test_a_chain_that_was_made_anew_is_found_by_the_key_alone(whole, tmp_path, keys):
     data = forge(whole, lambda content: content.replace(b"notes.json", b"other.json"))
     # The lengths are others, and so the index does not fit: a careful forger mends that, too.

@@ -137,6 +137,7 @@ class TimedRing:
         return pack_record(NUMBERS[Log], time, log)
 
 
+@pytest.mark.hazard("H-11")
 @pytest.mark.parametrize("end", [1.3, 2.0, 3.33])
 @pytest.mark.parametrize("rotation", [Rotation(), Rotation(duration=1.2)])
 def test_a_process_that_is_killed_loses_the_last_second_at_most(

@@ -15,6 +15,7 @@ from support.demo_processes import SOON, RunningDemo, finish, wait_until
 from support.recordings_made import read_verdicts
 
 
+@pytest.mark.hazard("H-25")
 def test_a_demo_is_replayed_to_the_bit(tmp_path, capsys):
     path = tmp_path / "demo.mcap"
     arguments = ["--duration", "4", "--no-view", "--json", "--obstacles", "5", "--record", path]
