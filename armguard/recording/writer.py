@@ -1,7 +1,7 @@
 """The process that writes a recording: what it finds in shared memory goes into MCAP files.
 
-What it has written is whole up to the last chunk, twice a second, whichever process is killed, and
-each chunk is on the disk before the next one is begun. A disk that is slow holds up this process
+What it has written is whole up to the last chunk, whichever process is killed. Twice a second the
+chunk is ended, and all that there is goes to the disk. A disk that is slow holds up this process
 alone; one that is full is tried again, and again.
 """
 
