@@ -135,6 +135,16 @@ class Run:
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     drive: Flag = False
     """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
+    sign: Path | None = None
+    """Sign the recording: the secret file that `armguard keys new --recordings` wrote."""
+    part_hours: float | None = None
+    """Let the recording go on in another file after so long."""
+    part_megabytes: float | None = None
+    """Let the recording go on in another file once one is so large."""
+    keep_days: float | None = None
+    """Remove files of recordings in that folder so long after their last change."""
+    expect: str | None = None
+    """Start only if the configuration has this digest, which a start tells."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -225,6 +235,8 @@ class Replay:
     """Lead a monitor through a recording: the same verdicts to the bit, or the first that differs.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
+
+    Example: armguard replay run.mcap --verify --key keys/recorder.public
     """
 
     file: Positional[Path]
@@ -245,6 +257,10 @@ class Replay:
     """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
     what_if: str | None = None
     """Which stops there would not have been with other settings: name=value, by commas."""
+    verify: Flag = False
+    """Replay nothing: find what was changed, removed, reordered or cut off since then."""
+    key: Path | None = None
+    """With --verify: the public file of the key that must have signed the recording."""
     csv: Path | None = None
     """Write a table of all verdicts; "-" is standard output."""
     view: Flag = False
@@ -391,7 +407,11 @@ class View:
 class Keys:
     """Make keys, with which streams may leave this machine, and without which nothing is let in.
 
+    Or a key that signs recordings, so that nobody else can change one unnoticed.
+
     Example: armguard keys new camera --dir keys
+
+    Example: armguard keys new recorder --recordings --dir keys
     """
 
     action: Positional[Literal["new"]]
@@ -400,12 +420,14 @@ class Keys:
     """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
     dir: Path = Path()
     """The folder to write NAME.secret and NAME.public into."""
+    recordings: Flag = False
+    """Make a pair that signs recordings, not one for streams."""
 
     def run(self) -> int:
         """Make them."""
-        from armguard.app.run import make_keys
+        from armguard.app.run import make_keys, make_signing_keys
 
-        return make_keys(self.name, self.dir)
+        return (make_signing_keys if self.recordings else make_keys)(self.name, self.dir)
 
 
 @command
