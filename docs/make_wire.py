@@ -105,7 +105,7 @@ AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the sou
 
 CLOUD = """## Clouds
 
-`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [What is not seen](sensors.md) says what becomes of points and what that costs.
+`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [Entrances and clouds](sensors.md) says what becomes of points and what that costs.
 """
 
 AFTER_CLOUD = """- The points of the arm are taken out by the monitor, by the joint state that is nearest to the cloud in time. Where none of the last thousand is within `time_error` of it (`[clouds]`, 5 ms), all points count, and the arm stops before its own picture.
@@ -141,7 +141,7 @@ AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms
 
 IGNORE = """## Contact that is wanted
 
-`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Contact that is wanted](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
+`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Allowing contact](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
 """
 
 WATCH = """`{"type": "watch", …}` ends it before its time, and needs no token.
@@ -288,7 +288,7 @@ def write_page() -> str:
         write_table(answers.VerdictMessage),
         REASONS,
         write_table(reasons.ReasonMessage),
-        f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
+        f"Kinds: {kinds}. [Reasons](reasons.md) says what to do about each.\n",
         HELD,
         write_table(answers.HeldMessage),
         CERTIFICATE,
