@@ -112,12 +112,12 @@ class ReasonKind(enum.Enum):
         "Wait: a level rises `rise_delay` seconds after the last cause of the lower one.",
     )
     NO_SOURCES_EXPECTED = (
-        "no sources, as was said",
+        "no sources, as stated",
         Effect.NOTE,
         "If no obstacle is to be watched, nothing; else name the cell's sources.",
     )
     NOT_YET_COMPLETE = (
-        "no complete look yet",
+        "not everything evaluated yet",
         Effect.NOTE,
         "Wait for the first joint state and tick. If it stays, check that the controller "
         "publishes to the address that `armguard run` printed.",
