@@ -44,8 +44,8 @@ def test_a_silent_source_says_since_when_what_was_expected_and_who_speaks_instea
     assert sources.silent(5.1, 0.2) == [
         (
             "camera",
-            "nothing received, expected a message every 0.3 s or sooner; 'camrea' sends data, but was "
-            "not named: a misspelling?",
+            "nothing received, expected a message every 0.3 s or sooner; 'camrea' sends data, but "
+            "was not named: a misspelling?",
         )
     ]
     sources.hear("camera", 5.1)
