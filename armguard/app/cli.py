@@ -213,7 +213,7 @@ class Drive:
 
 @command
 class Replay:
-    """Replay a recording and check that the verdicts are bit-identical; else show where they differ.
+    """Replay a recording and check that its verdicts are the same, to the bit.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
     """
