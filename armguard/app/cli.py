@@ -133,6 +133,8 @@ class Run:
     """Token that `armguard reset` must give to end a latched STOP; without one, none is obeyed."""
     record: Path | None = None
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
+    drive: Flag = False
+    """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -203,9 +205,13 @@ class Drive:
     """How long to drive, in seconds."""
     json: Flag = False
     """Print one JSON object at the end; what is for people goes to standard error."""
+    parent: int | None = None
+    """End when this process is no longer the one that started this command."""
 
     def run(self) -> int:
         """Drive until the end of the duration, or Ctrl-C."""
+        if self.parent is not None:
+            end_with(self.parent)
         from armguard.app.drive import drive
 
         return drive(self)
