@@ -81,7 +81,8 @@ class ReasonKind(enum.Enum):
         "late data",
         Effect.NOTE,
         "Find out what delayed the source or the joint states: a busy processor, a network, a "
-        "camera that pauses. The detail names the level with data of their usual age.",
+        "camera that pauses. Nothing came near: the detail names the level with data of their "
+        "usual age.",
     )
     LATE_DATA_UNKNOWN = (
         "late data, effect unknown",
@@ -92,19 +93,20 @@ class ReasonKind(enum.Enum):
     WIDENED_BOUNDS = (
         "bounds widened",
         Effect.NOTE,
-        "With the stated bounds the level would be higher. State bounds that the body keeps, or "
-        "correct what makes its samples jump.",
+        "Nothing came near: with the stated bounds the level would be higher. State bounds that "
+        "the body keeps, or correct what makes its samples jump.",
     )
     REFUSED_ALTERNATIVE = (
         "refused sample counts",
         Effect.NOTE,
-        "Without the refused sample, which may be true, the level would be higher. Look for "
-        "swapped ids and jumps in perception.",
+        "Nothing came near: without the refused sample, which may be true, the level would be "
+        "higher. Look for swapped ids and jumps in perception.",
     )
     HIDDEN = (
         "body hidden",
         Effect.NOTE,
-        "A body that is not seen may come nearer. Find out why its source does not see it.",
+        "Nothing came near: a body that is not seen may come nearer. Find out why its source does "
+        "not see it.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
