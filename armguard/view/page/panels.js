@@ -156,7 +156,7 @@ export class Panels {
       const row = document.createElement("tr");
       const late = old === null || (timeout !== null && old > timeout);
       const slow = !late && timeout !== null && old > SLUGGISH * timeout;
-      const told = old === null ? "never heard"
+      const told = old === null ? "nothing received"
         : `${(1000 * Math.max(old, 0)).toFixed(0)} ms${late || slow ? "" : " old"}`;
       for (const text of [
         name,

@@ -41,7 +41,7 @@ def test_the_example_gives_robot_obstacles_and_monitor(example):
     assert monitor.period == 0.001
     verdict = monitor.step(0.0, READY, np.zeros(7))
     assert [str(reason) for reason in verdict.reasons][:1] == [
-        "source silent: camera (never heard, expected a message every 0.2 s or sooner)"
+        "source silent: camera (nothing received, expected a message every 0.2 s or sooner)"
     ]
     # The table is ignored, the pillar is out of reach, and somebody may come in by the door.
     assert verdict.obstacle == "door"
