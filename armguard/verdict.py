@@ -484,6 +484,9 @@ class Verdict(NamedTuple):
     """Greatest speed in [m/s] at which an obstacle could be touched before the arm rests, were the
     next verdict a STOP; 0 where no contact is possible by then, inf where nothing is proved. None
     where no contact limits are stated."""
+    configuration: str | None = None
+    """Digest of what the monitor was made with, in verdicts that `armguard run` publishes; None in
+    others."""
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"

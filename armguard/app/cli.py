@@ -135,6 +135,16 @@ class Run:
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     drive: Flag = False
     """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
+    sign: Path | None = None
+    """Sign the recording: the secret file that `armguard keys new --recordings` wrote."""
+    part_hours: float | None = None
+    """Let the recording go on in another file after so long."""
+    part_megabytes: float | None = None
+    """Let the recording go on in another file once one is so large."""
+    keep_days: float | None = None
+    """Remove files of recordings in that folder so long after their last change."""
+    expect: str | None = None
+    """Start only if the configuration has this digest, which a start tells."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -180,7 +190,8 @@ class Shield(Run):
 class Drive:
     """Join a robot to a running monitor: joint states out, verdicts obeyed.
 
-    The robot is that of [robot.driver] in the cell file. Without a valid verdict it stands.
+    The robot is that of [robot.driver] in the cell file: an arm of Universal Robots, or one in a
+    ROS 2 graph. Without a valid verdict it stands.
 
     Example: armguard drive demos/ur5e.toml
     """
@@ -191,6 +202,8 @@ class Drive:
     """Which arm, in a cell with several."""
     joints: str = JOINTS_ADDRESS
     """Address of the monitor's joint states."""
+    obstacles: str = OBSTACLES_ADDRESS
+    """Address of its obstacles, for a driver that brings them along."""
     verdicts: str = VERDICTS_ADDRESS
     """Address of its verdicts."""
     measure: Flag = False
@@ -222,6 +235,8 @@ class Replay:
     """Replay a recording and check that its verdicts are the same, to the bit.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
+
+    Example: armguard replay run.mcap --verify --key keys/recorder.public
     """
 
     file: Positional[Path]
@@ -242,6 +257,10 @@ class Replay:
     """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
     what_if: str | None = None
     """Which stops other settings would have avoided: name=value, by commas."""
+    verify: Flag = False
+    """Replay nothing: find what was changed, removed, reordered or cut off since then."""
+    key: Path | None = None
+    """With --verify: the public file of the key that must have signed the recording."""
     csv: Path | None = None
     """Write a table of all verdicts; "-" is standard output."""
     view: Flag = False
@@ -388,7 +407,11 @@ class View:
 class Keys:
     """Make keys, with which streams can leave this machine; nothing else is then let in.
 
+    Or a key that signs recordings, so that nobody else can change one unnoticed.
+
     Example: armguard keys new camera --dir keys
+
+    Example: armguard keys new recorder --recordings --dir keys
     """
 
     action: Positional[Literal["new"]]
@@ -397,12 +420,14 @@ class Keys:
     """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
     dir: Path = Path()
     """The folder to write NAME.secret and NAME.public into."""
+    recordings: Flag = False
+    """Make a pair that signs recordings, not one for streams."""
 
     def run(self) -> int:
         """Make them."""
-        from armguard.app.run import make_keys
+        from armguard.app.run import make_keys, make_signing_keys
 
-        return make_keys(self.name, self.dir)
+        return (make_signing_keys if self.recordings else make_keys)(self.name, self.dir)
 
 
 @command

@@ -24,11 +24,11 @@ def command(stamp, sequence=1, goal=2, begun=None, names=NAMES, home=HOME, **cha
     begun = stamp if begun is None else begun
     times = np.linspace(0.0, max(DURATION - (stamp - begun), 0.01), 200)
     way, speed, accel = move(times + stamp - begun)
-    rows = [np.zeros((len(times), 6)) for _ in range(3)]
+    rows = [np.zeros((len(times), len(home))) for _ in range(3)]
     for row, values in zip(rows, (way, speed, accel), strict=True):
         row[:, 0] = values
     rows[0] += home
-    order = [NAMES.index(name) for name in names] if set(names) == set(NAMES) else range(6)
+    order = [NAMES.index(name) for name in names] if set(names) == set(NAMES) else range(len(home))
     q, v, a = (pack(row[:, order]) for row in rows)
     fields = {
         "sequence": sequence,

@@ -39,6 +39,8 @@ export class Panels {
     }));
     element("others").replaceChildren(
       ...scene.others.map((other) => legendRow(other.sign, paint(other.paint), null, other.text)));
+    element("configuration").textContent = `configuration ${scene.configuration}`;
+    element("configuration").hidden = !scene.configuration;
     this.layBuckets(scene);
     for (const id of ["times", "cause", "figures", "structure", "legend"]) element(id).hidden = this.isModel;
     element("model").hidden = !this.isModel;
