@@ -13,6 +13,7 @@ from armguard.app.cell.schema import DriverTable, make_error
 from armguard.app.processes import COMPLAINT, complain, noted_interrupts
 from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
+from armguard.drivers.makes import Make, find_make
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
@@ -66,24 +67,25 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
             "is missing",
             '{ name = "ur", host = "…", model = "UR5e" }',
         )
-    fastest = 500.0
-    if not table.rate <= fastest:
-        raise make_error(
-            cell.file, "robot.driver.rate", f"is {table.rate}", f"{fastest:g} Hz at most"
-        )
+    make = find_make(table.name)
+    least, most = make.rates
+    rate = most if table.rate is UNSET else table.rate
+    if not least <= rate <= most:
+        expected = f"{least:g} to {most:g} Hz" if least < most else f"{most:g} Hz"
+        raise make_error(cell.file, "robot.driver.rate", f"is {rate}", expected)
     key_files = read_key_files(wishes.key, wishes.server_key)
     if key_files is not None:
         Keys.load(*key_files)
     for address in (wishes.joints, wishes.verdicts):
         check_address(address, has_keys=key_files is not None)
     robot = cell.make_robot()
-    names = _name_joints(table, robot.joints, cell.file)
+    names = _name_joints(table, make, robot.joints, cell.file)
     payload = cell.tables.robot.payload
     return DriveOptions(
         driver=table.name,
         host=table.host,
         model=table.model,
-        rate=table.rate,
+        rate=rate,
         names=names,
         timeout=table.timeout,
         speed=table.speed,
@@ -99,19 +101,20 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
     )
 
 
-def _name_joints(table: DriverTable, watched: tuple[str, ...], file: str) -> tuple[str, ...]:
+def _name_joints(
+    table: DriverTable, make: Make, watched: tuple[str, ...], file: str
+) -> tuple[str, ...]:
     """Names of the robot's joints in the controller's order; the monitor watches all of them."""
-    from armguard.drivers.ur import JOINTS
-
-    names = JOINTS if table.joints is None else tuple(table.joints)
-    if sorted(names) != sorted(watched):
-        raise make_error(
-            file,
-            "robot.driver.joints",
-            f"has {', '.join(names)}, and the monitor watches {', '.join(watched)}",
-            "the same joints, from the base on",
-        )
-    return names
+    known = make.joints if table.joints is None else (tuple(table.joints),)
+    for names in known:
+        if sorted(names) == sorted(watched):
+            return names
+    raise make_error(
+        file,
+        "robot.driver.joints",
+        f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
+        "the same joints, from the base on",
+    )
 
 
 def _summarise(report: Report) -> str:

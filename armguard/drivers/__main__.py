@@ -20,12 +20,12 @@ from armguard.drivers.arm import Arm, ArmLostError, WrongArmError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import CONNECTING, MEASURED, WRONG, Link
 from armguard.drivers.loop import DriveLoop
+from armguard.drivers.makes import find_make
 from armguard.drivers.measurement import Measurement, describe
 from armguard.drivers.moment import Conduct
 from armguard.drivers.motion import MotionConduct
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.program import ProgramConduct
-from armguard.drivers.ur_lines import stop_by_script
 from armguard.streams.nodes import Publisher, VerdictReader
 
 _KEPT: list[Arm] = []
@@ -44,9 +44,7 @@ def drive(options: DriveOptions, link: Link) -> None:
         WrongArmError: Another arm answers.
         KeyboardInterrupt: A signal ends this process, or the process that watches it has ended.
     """
-    # The module of the robot, and the library that it needs, are loaded here.
-    from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
-
+    make = find_make(options.driver)
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
     measurement = Measurement(options.measure) if options.measure else None
@@ -57,13 +55,13 @@ def drive(options: DriveOptions, link: Link) -> None:
         # The library may wait without end, and lets no other thread of Python run meanwhile. Each
         # read of the robot sets this timer anew.
         signal.alarm(CONNECT_TIMEOUT)
-        arm: UrArm
+        arm: Arm
         conduct: Conduct
         if options.follows:
-            arm = moved = UrMotionArm(options)
+            arm = moved = make.connect_motion(options)
             conduct = MotionConduct(moved, options, latencies, link)
         else:
-            arm = run = UrProgramArm(options)
+            arm = run = make.connect_program(options)
             conduct = ProgramConduct(run, options, latencies, link, measurement)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
@@ -88,9 +86,8 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
         drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
-        is_told = stop_by_script(options.host, options.deceleration)
-        unheard = "" if is_told else "; no script reaches it, so see that it stands"
-        link.tell(f"{options.model} at {options.host}: {error}{unheard}")
+        stopped = find_make(options.driver).stop(options)
+        link.tell(f"{options.model} at {options.host}: {error}; {stopped}")
         code = LOST
     except WrongArmError as error:
         link.send(WRONG, str(error))
@@ -98,7 +95,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
     except KeyboardInterrupt:
         pass
     except BaseException:
-        stop_by_script(options.host, options.deceleration)
+        find_make(options.driver).stop(options)
         traceback.print_exc()
         sys.stderr.flush()
         code = LOST

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Any
 
 from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
+from armguard.drivers.makes import Make
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
@@ -323,3 +324,22 @@ def _explain(error: Exception) -> ArmLostError:
             "driver)"
         )
     return ArmLostError(f"ur_rtde: {error}")
+
+
+def stop(options: DriveOptions) -> str:
+    """Stop an arm by a script; says whether it could be sent."""
+    if stop_by_script(options.host, options.deceleration):
+        return "the arm was told to stop"
+    return "no script reaches the arm, so see that it stands"
+
+
+MAKE = Make(
+    joints=(JOINTS,),
+    rates=(1.0, 500.0),
+    library="rtde_receive",
+    package="ur_rtde",
+    connect_program=UrProgramArm,
+    connect_motion=UrMotionArm,
+    stop=stop,
+)
+"""What the driver has to know of these arms."""

@@ -19,8 +19,8 @@ from collections.abc import Callable
 import msgspec
 
 from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
+from armguard.drivers.makes import find_make
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
-from armguard.drivers.ur_lines import stop_by_script
 from armguard.exceptions import ArmguardError
 
 CONNECT_TIMEOUT = 20.0
@@ -123,11 +123,12 @@ class _Driver:
 
 def check_library(driver: str) -> None:
     """Raise ArmguardError where the client library of a robot is not installed."""
-    if importlib.util.find_spec("rtde_receive") is None:
+    make = find_make(driver)
+    if importlib.util.find_spec(make.library) is None:
         raise ArmguardError(
             f"driver {driver!r}",
-            "needs ur_rtde, which is not installed",
-            remedy="pip install 'armguard[ur]'",
+            f"needs {make.package}, which is not installed",
+            remedy=f"pip install 'armguard[{driver}]'",
         )
 
 
@@ -165,7 +166,7 @@ def watch(
         except BaseException:
             # Whatever it is, a second Ctrl-C as well: the driver ends, and the arm stops.
             driver.process.kill()
-            stop_by_script(options.host, options.deceleration)
+            find_make(options.driver).stop(options)
             raise
         finally:
             driver.close()
@@ -221,8 +222,7 @@ def _attend(
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
     """Stop the arm without the driver's process, and tell why."""
-    is_told = stop_by_script(options.host, options.deceleration)
-    tell(f"{cause}: {'the arm was told to stop' if is_told else 'nothing reaches the arm'}")
+    tell(f"{cause}: {find_make(options.driver).stop(options)}")
 
 
 def _take(

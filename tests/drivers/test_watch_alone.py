@@ -44,7 +44,7 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
 
     monkeypatch.setattr(sys, "executable", "/bin/true")
     monkeypatch.setattr(watching, "_attend", interrupt)
-    monkeypatch.setattr(watching, "stop_by_script", lambda *where: stopped.append(where) or True)
+    monkeypatch.setattr("armguard.drivers.ur.stop_by_script", lambda *it: stopped.append(it))
     with pytest.raises(KeyboardInterrupt):
         watching.watch(OPTIONS, lambda _: None, lambda: False, 10.0)
     assert stopped == [("127.0.0.1", 4.0)]

@@ -86,8 +86,9 @@ class DriverTable(_Table, kw_only=True):
     """Address of its controller."""
     model: Name
     """Which one it must be, such as `"UR5e"`; another one is refused."""
-    rate: Positive = 500.0
-    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series."""
+    rate: Positive | UnsetType = UNSET
+    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series. Without it, as many
+    as the robot can send."""
     joints: list[Name] | None = None
     """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
     timeout: Positive = 0.1
