@@ -13,7 +13,8 @@ from armguard.app.cell.schema import DriverTable, make_error
 from armguard.app.processes import COMPLAINT, complain, noted_interrupts
 from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
-from armguard.drivers.makes import Make, find_make
+from armguard.drivers.arm import Make
+from armguard.drivers.makes import find_make
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError

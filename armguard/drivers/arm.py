@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
+
+from armguard.drivers.options import DriveOptions
 
 LEAST_SCALE = 0.01
 """Fraction of its speed at which a program runs for a stop, until it is paused: a speed slider at 0
@@ -95,3 +98,23 @@ class MotionArm(Arm, Protocol):
     def brake(self) -> None:
         """Slow down to rest by the robot's own means."""
         ...
+
+
+class Make(NamedTuple):
+    """What drives the robots of one maker."""
+
+    joints: tuple[tuple[str, ...], ...]
+    """Names of the joints in the controller's order, as each of the maker's descriptions has
+    them."""
+    rates: tuple[float, float]
+    """How many joint states a second it can send at least and at most, in [Hz]."""
+    library: str
+    """Module of the client library, which the driver's process alone loads."""
+    package: str
+    """Whose module it is."""
+    connect_program: Callable[[DriveOptions], ProgramArm]
+    """Connect a robot that a program moves."""
+    connect_motion: Callable[[DriveOptions], MotionArm]
+    """Connect a robot that follows joint positions."""
+    stop: Callable[[DriveOptions], str]
+    """Stop the robot without the client library and without a connection; says whether it did."""

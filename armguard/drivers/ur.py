@@ -17,8 +17,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
-from armguard.drivers.makes import Make
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Make, Program, WrongArmError
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
