@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 from msgspec import UNSET
 
 from armguard.app.announcer import Announcer
@@ -18,6 +19,8 @@ from armguard.drivers.makes import find_make
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
+from armguard.robot.operating_limits import LimitsInForce
+from armguard.robot.robot import Robot
 from armguard.streams.addresses import check_address
 from armguard.streams.keys import Keys
 
@@ -82,6 +85,11 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
     robot = cell.make_robot()
     names = _name_joints(table, make, robot.joints, cell.file)
     payload = cell.tables.robot.payload
+    settings = cell.monitor_settings(robot)
+    limits = LimitsInForce(robot, settings["operating"])
+    order = [robot.joints.index(name) for name in names]
+    contact_limits = settings["contact_limits"]
+    forces = [one.force for one in contact_limits.by_region.values()] if contact_limits else []
     return DriveOptions(
         driver=table.name,
         host=table.host,
@@ -93,6 +101,10 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         stop_within=table.stop_within,
         deceleration=table.deceleration,
         payload=robot.brakes.most_payload if payload is UNSET else payload,
+        waypoints=_check_waypoints(cell, robot, make, order),
+        velocities=tuple(limits.operating_velocity[order].tolist()),
+        accelerations=tuple(limits.operating_acceleration[order].tolist()),
+        contact_force=min(filter(None, forces), default=None),
         joints=wishes.joints,
         verdicts=wishes.verdicts,
         arm=cell.arm,
@@ -116,6 +128,30 @@ def _name_joints(
         f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
         "the same joints, from the base on",
     )
+
+
+def _check_waypoints(
+    cell: Cell, robot: Robot, make: Make, order: list[int]
+) -> tuple[tuple[float, ...], ...]:
+    """The waypoints of a robot without a program; no others have any."""
+    assert cell.tables.robot.driver is not None
+    waypoints = tuple(map(tuple, cell.tables.robot.driver.waypoints))
+    key, needs = "robot.driver.waypoints", not (make.has_program or cell.tables.shield)
+    if needs and len(set(waypoints)) < 2:
+        raise make_error(cell.file, key, f"has {len(set(waypoints))}", "two different ones")
+    if waypoints and not needs:
+        raise make_error(cell.file, key, "is there, and something else moves the robot", "none")
+    lower, upper = robot.lower_position_limit[order], robot.upper_position_limit[order]
+    for number, waypoint in enumerate(waypoints):
+        q = np.array(waypoint)
+        if q.shape != lower.shape or not ((lower <= q) & (q <= upper)).all():
+            raise make_error(
+                cell.file,
+                f"{key}[{number}]",
+                f"is {waypoint}",
+                "a position of each joint, from the base on, within its limits",
+            )
+    return waypoints
 
 
 def _summarise(report: Report) -> str:

@@ -112,6 +112,8 @@ class Make(NamedTuple):
     """Module of the client library, which the driver's process alone loads."""
     package: str
     """Whose module it is."""
+    has_program: bool
+    """Whether the robot's own program can move it; otherwise the driver does, between waypoints."""
     connect_program: Callable[[DriveOptions], ProgramArm]
     """Connect a robot that a program moves."""
     connect_motion: Callable[[DriveOptions], MotionArm]

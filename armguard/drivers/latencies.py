@@ -74,7 +74,7 @@ class Latencies:
             words.append(f"{came} commands, {counts.missed} in all not taken up")
         words.append("no verdict yet" if verdict is None else verdict.level.name)
         if state is not None:
-            words.append(f"slider {state.scale:.0%}, program {state.program.value}")
+            words.append(f"speed {state.scale:.0%}, program {state.program.value}")
         self._ages = []
         self._verdicts_before, self._silences_before = counts.verdicts, counts.silences
         self._commands_before = counts.commands

@@ -7,7 +7,8 @@ from armguard.drivers.arm import Make
 
 def find_make(name: str) -> Make:
     """The make of a robot, by its name in cell files."""
-    assert name == "ur"
-    from armguard.drivers.ur import MAKE
-
+    if name == "franka":
+        from armguard.drivers.franka import MAKE
+    else:
+        from armguard.drivers.ur import MAKE
     return MAKE

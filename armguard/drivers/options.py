@@ -16,11 +16,11 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a driver's process has to know."""
 
     driver: str
-    """Which robot's: "ur"."""
+    """Whose robot: "ur" or "franka"."""
     host: str
     """Name or address of the robot's controller."""
     model: str
-    """Which robot it is to be, such as "UR5e"."""
+    """Which robot it is to be, such as "UR5e" or "FR3"."""
     rate: float
     """Joint states a second, in [Hz]."""
     names: tuple[str, ...]
@@ -39,6 +39,18 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Address to publish joint states to."""
     verdicts: str
     """Address of verdicts."""
+    waypoints: tuple[tuple[float, ...], ...] = ()
+    """Positions of the joints between which the driver moves a robot without a program, in
+    [rad]."""
+    velocities: tuple[float, ...] = ()
+    """What the monitor takes the joints to keep to, in [rad/s], in the robot's own order."""
+    accelerations: tuple[float, ...] = ()
+    """With which they may speed up, in [rad/s²], in the same order."""
+    contact_force: float | None = None
+    """The least force that a contact limit of the cell permits, in [N]; None: none states one."""
+    is_first: bool = True
+    """Whether somebody has just started the driver; otherwise this takes the place of a connection
+    that was lost."""
     arm: str = ""
     """Which of several arms it is; empty where there is one."""
     follows: bool = False

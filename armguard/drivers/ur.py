@@ -337,6 +337,7 @@ MAKE = Make(
     rates=(1.0, 500.0),
     library="rtde_receive",
     package="ur_rtde",
+    has_program=True,
     connect_program=UrProgramArm,
     connect_motion=UrMotionArm,
     stop=stop,

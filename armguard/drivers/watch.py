@@ -160,7 +160,7 @@ def watch(
         return is_ending() or time.monotonic() >= end
 
     while not is_over():
-        driver = _Driver(options)
+        driver = _Driver(msgspec.structs.replace(options, is_first=report.connections == 0))
         try:
             code = _attend(driver, options, report, tell, told, is_over)
         except BaseException:

@@ -1,4 +1,4 @@
-"""A cell that a driver drives: a simulated controller, a stand-in for the monitor, and the driver.
+"""A cell that a driver drives: a simulated robot, a stand-in for the monitor, and the driver.
 
 The driver is `armguard drive` as a process of its own, with the client library of the maker's
 robots in it. The stand-in publishes verdicts of one level at a rate, and keeps the joint states.
@@ -127,30 +127,28 @@ class StandIn:
         socket.close(0)
 
 
-class DrivenCell:
-    """A controller, a stand-in and `armguard drive`; a context.
+class Driven:
+    """A robot, a stand-in and `armguard drive`; a context.
 
     Args:
         folder: For its files.
-        more: Lines of `[robot.driver]`, and tables behind it.
-        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
+        cell: The cell file.
+        robot: A context.
         options: Of the command.
-        controller: Keywords of the controller.
     """
 
-    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
-        self.host = find_host()
-        self.controller = UrController(self.host, **controller)
+    def __init__(self, folder, cell, robot, *options):
+        self.robot = robot
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(CELL.format(host=self.host, more=more, timeout=timeout))
+        self.cell.write_text(cell)
         self.lines = []
         self.output = ""
         self._options = options
         self.process = None
 
     def __enter__(self):
-        self.controller.__enter__()
+        self.robot.__enter__()
         self.monitor.__enter__()
         self.start()
         return self
@@ -186,7 +184,7 @@ class DrivenCell:
     def __exit__(self, *_):
         self._close()
         self.monitor.__exit__()
-        self.controller.__exit__()
+        self.robot.__exit__()
 
     def end(self):
         """End the driver as Ctrl-C does; its exit code."""
@@ -205,6 +203,33 @@ class DrivenCell:
             children = file.read().split()
         return int(children[0]) if children else None
 
+    def wait_for(self, text):
+        """Return when a line of the driver has this in it."""
+        wait_until(lambda: self.has(text) or self.process.poll() is not None)
+        assert self.has(text), self.lines
+
+    def has(self, text):
+        """Whether a line of the driver has this in it."""
+        return any(text in line for line in self.lines)
+
+
+class DrivenCell(Driven):
+    """One with a simulated controller of Universal Robots.
+
+    Args:
+        folder: For its files.
+        more: Lines of `[robot.driver]`, and tables behind it.
+        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
+        options: Of the command.
+        controller: Keywords of the controller.
+    """
+
+    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
+        self.host = find_host()
+        self.controller = UrController(self.host, **controller)
+        cell = CELL.format(host=self.host, more=more, timeout=timeout)
+        super().__init__(folder, cell, self.controller, *options)
+
     def wait_until_driving(self, other_than=None):
         """Return when a driver is connected that is another one than that process."""
         wait_until(lambda: self.find_driver() not in (None, other_than))
@@ -215,15 +240,6 @@ class DrivenCell:
         assert self.controller.pace <= 0.011, "nothing moves before that"
         assert self.controller.play()
         wait_until(lambda: self.controller.pace > 0.99)
-
-    def wait_for(self, text):
-        """Return when a line of the driver has this in it."""
-        wait_until(lambda: self.has(text) or self.process.poll() is not None)
-        assert self.has(text), self.lines
-
-    def has(self, text):
-        """Whether a line of the driver has this in it."""
-        return any(text in line for line in self.lines)
 
     def wait_until_moving(self):
         """Return when the driver drives, and the program runs at full speed."""

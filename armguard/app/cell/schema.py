@@ -80,27 +80,33 @@ class OperatingTable(_Table):
 class DriverTable(_Table, kw_only=True):
     """`[robot.driver]`: the robot that `armguard drive` joins to the monitor."""
 
-    name: Literal["ur"]
-    """Whose robot: `"ur"`, one of Universal Robots ([its page](ur.md))."""
+    name: Literal["ur", "franka"]
+    """Whose robot: `"ur"`, one of Universal Robots ([its page](ur.md)), or `"franka"`, one of
+    Franka Robotics ([its page](franka.md))."""
     host: Name
     """Address of its controller."""
     model: Name
-    """Which one it must be, such as `"UR5e"`; another one is refused."""
+    """Which one it must be, such as `"UR5e"`; another one is refused. A Franka does not tell which
+    one it is; there this is what messages call it."""
     rate: Positive | UnsetType = UNSET
-    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series. Without it, as many
-    as the robot can send."""
+    """Joint states a second, in [Hz]. Universal Robots: at most 500, and 125 for the CB series.
+    Franka: always 1000. Without it, as many as the robot can send."""
     joints: list[Name] | None = None
-    """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
+    """Names of its joints, from the base on; without it, those of the maker's descriptions."""
     timeout: Positive = 0.1
     """Silence of the robot after which its program is paused, in [s]. After three times as much, of
     the robot or of the driver's process, the arm is stopped, which ends its program."""
+    waypoints: list[list[float]] = []
+    """Franka, where no shield moves it: positions of all joints between which it moves, again and
+    again, in [rad]; two at least. It keeps to `[robot.operating]`."""
     speed: Fraction = 1.0
-    """The speed slider where nothing is near, from above 0 to 1."""
+    """How fast the program runs where nothing is near, from above 0 to 1: the speed slider, or a
+    fraction of the operating limits between waypoints."""
     stop_within: Positive = 1.0
     """How long the arm may move on after an order to pause, in [s]. Then it is stopped, which
     ends its program."""
     deceleration: Positive = 4.0
-    """Of that stop, in [rad/s²]."""
+    """In [rad/s²]. Universal Robots: of that stop. Franka: between waypoints, and to a pause."""
 
 
 class _AnyArmTable(_Table):
