@@ -22,7 +22,7 @@ SHARE = 0.1
 
 ACCELERATION, JERK = 10.0, 5000.0
 """Of all joints at most, in [rad/s²] and [rad/s³]: `kMaxJointAcceleration` and `kMaxJointJerk` of
-libfranka 0.21 (include/franka/rate_limiting.h)."""
+rate_limiting.h [Franka]_."""
 
 _VELOCITIES = np.array(
     [

@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -214,7 +215,10 @@ def _attend(
         if driver.process.returncode not in (0, WRONG_ARM, LOST):
             # Nothing else can stop the arm now.
             how = "while it drove" if driver.is_driving else "while it connected"
-            _stop(options, f"the driver's process has ended by itself {how}", tell)
+            cause = f"the driver's process has ended by itself {how}"
+            if driver.process.returncode == -signal.SIGALRM:
+                cause += ", since the robot did not answer the client library"
+            _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
     return 0 if driver.process.returncode is None else driver.process.returncode

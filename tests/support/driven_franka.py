@@ -6,6 +6,7 @@ another version of numpy than armguard.
 
 import ast
 import contextlib
+import math
 import os
 import signal
 import subprocess
@@ -33,7 +34,7 @@ operating = {{ velocity = 0.3, acceleration = 0.2 }}
 name = "franka"
 host = "{host}"
 model = "FR3"
-timeout = 0.7
+timeout = 0.5
 {more}
 """
 
@@ -117,10 +118,26 @@ class DrivenFranka(Driven):
         super().__init__(folder, cell, contextlib.nullcontext(), *options)
         self.peer = peer
 
-    def wait_until_moving(self):
-        """Return when the program moves the arm."""
-        wait_until(lambda: self.peer.speed > 0.1 or self.process.poll() is not None)
+    def start(self):
+        """Start the driver, as a person does who has seen why the arm stopped."""
+        super().start()
+        self._seen = len(self.lines)
+
+    def wait_until_moving(self, slowest=0.1, fastest=math.inf):
+        """Return when the program moves the arm; it is started again where the machine stalls."""
+
+        def moves():
+            if any("program stopped" in line for line in self.lines[self._seen :]):
+                self.start()
+            return slowest < self.peer.speed < fastest or self.process.poll() is not None
+
+        wait_until(moves)
         assert self.process.poll() is None, self.lines
+
+    def wait_until_reading(self):
+        """Return when joint states come, from now on."""
+        seen = len(self.monitor.states)
+        wait_until(lambda: len(self.monitor.states) > seen + 50)
 
     def wait_until_resting(self):
         """Return when the arm rests, and no motion runs."""

@@ -3,10 +3,11 @@
 Run by a Python that has franka-sim, with the address to serve at. Each line of its input is run as
 Python, with `server` at hand, and answered by a line: what `answer` is then.
 
-Two things are made for a machine that is busy and has no network. franka-sim would fetch a model of
-the arm; here it gets the masses and joints of the description that it brings along. And it counts
-milliseconds by the states that it has sent, which are fewer on a busy machine; on the wire they are
-milliseconds here, as those of a real robot.
+Three things are other than in franka-sim. It would fetch a model of the arm from the network; here
+it gets the masses and joints of the description that it brings along. It counts milliseconds by the
+states that it has sent, which are fewer on a busy machine; on the wire they are milliseconds here,
+as those of a real robot. And a reflex lasts until a client recovers from it, not until another one
+connects.
 """
 
 import collections
@@ -70,11 +71,20 @@ def make_model(folder):
     return path
 
 
+class Server(franka_sim.FrankaSimServer):
+    def reset_state(self):
+        kept = getattr(self, "robot_state", None)
+        super().reset_state()
+        if kept is not None and kept.state["robot_mode"] == 4:
+            names = ("robot_mode", "errors", "reflex_reason")
+            self.robot_state.state.update({name: kept.state[name] for name in names})
+
+
 def serve(host):
     state_stream.socket = Sockets()
     with tempfile.TemporaryDirectory() as folder:
         os.environ["FR3_MJCF"] = str(make_model(folder))
-        server = franka_sim.FrankaSimServer(
+        server = Server(
             host=host,
             enable_gripper=False,
             enforce_comm_constraints=True,
@@ -92,7 +102,7 @@ def see(server):
 
 
 def obey(names):
-    names.update(see=see, COMMANDS=COMMANDS)
+    names.update(see=see, COMMANDS=COMMANDS, time=time)
     for line in sys.stdin:
         try:
             exec(line, names)
