@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
-from armguard.drivers.options import DriveOptions
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.verdict import Verdict
 
 LEAST_SCALE = 0.01
 """Fraction of its speed at which a program runs for a stop, until it is paused: a speed slider at 0
@@ -50,6 +52,9 @@ class ArmState(NamedTuple):
 class Arm(Protocol):
     """A connection to a robot. Whatever cannot be done raises `ArmLostError`, and nothing waits."""
 
+    comes_back: bool
+    """Whether a robot that was silent can be heard again by the same connection."""
+
     def read(self) -> ArmState | None:
         """The newest state; None where there is none that was not read before."""
         ...
@@ -79,6 +84,22 @@ class ProgramArm(Arm, Protocol):
         ...
 
 
+class OverrideArm(Arm, Protocol):
+    """A robot that multiplies its speed by a number that is sent to it, or by 0 without one."""
+
+    def set_speed(self, scale: float) -> None:
+        """Go on at this fraction of the speed, from 0 to 1."""
+        ...
+
+    def report(self, verdict: Verdict | None, problem: str) -> None:
+        """Show a verdict to people and programs; where there is none, why the arm stands."""
+        ...
+
+    def stop(self) -> bool:
+        """Slow down to rest by another way; whether there is one."""
+        ...
+
+
 class MotionArm(Arm, Protocol):
     """A robot that follows joint positions."""
 
@@ -100,23 +121,26 @@ class MotionArm(Arm, Protocol):
         ...
 
 
-class Make(NamedTuple):
-    """What drives the robots of one maker."""
+class TrajectoryArm(MotionArm, Protocol):
+    """A robot that follows whole trajectories, each in place of the one before."""
 
-    joints: tuple[tuple[str, ...], ...]
-    """Names of the joints in the controller's order, as each of the maker's descriptions has
-    them."""
-    rates: tuple[float, float]
-    """How many joint states a second it can send at least and at most, in [Hz]."""
-    library: str
-    """Module of the client library, which the driver's process alone loads."""
-    package: str
-    """Whose module it is."""
-    has_program: bool
-    """Whether the robot's own program can move it; otherwise the driver does, between waypoints."""
-    connect_program: Callable[[DriveOptions], ProgramArm]
-    """Connect a robot that a program moves."""
-    connect_motion: Callable[[DriveOptions], MotionArm]
-    """Connect a robot that follows joint positions."""
-    stop: Callable[[DriveOptions], str]
-    """Stop the robot without the client library and without a connection; says whether it did."""
+    def send(
+        self,
+        stamp: float,
+        times: NDArray[np.float64],
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+    ) -> None:
+        """Be at these positions with these velocities at these times, and rest at the end.
+
+        Args:
+            stamp: From which the times count, in [s] of the monotonic clock.
+            times: In [s], rising. Shape (k,).
+            q: In [rad]. Shape (k, nv).
+            v: In [rad/s]. Shape (k, nv).
+        """
+        ...
+
+    def report(self, verdict: Verdict | None, problem: str) -> None:
+        """Show a verdict to people and programs; where there is none, why the arm stands."""
+        ...

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Make, Program, WrongArmError
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
 from armguard.drivers.franka_steps import PERIOD, Step, find_excess, step_towards
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
@@ -34,7 +34,7 @@ from armguard.drivers.waypoints import Waypoints
 JOINTS = tuple(
     tuple(f"{robot}_joint{number}" for number in range(1, 8)) for robot in ("fr3", "panda")
 )
-"""Names of the joints in the maker's descriptions, in the controller's order."""
+"""Names of the joints in each of the maker's descriptions, in the controller's order."""
 
 WAIT = 0.005
 """How long to wait for a state, in [s]: five periods of the robot."""
@@ -75,10 +75,14 @@ class FrankaArm:
         WrongArmError: It speaks another version of the protocol.
     """
 
+    comes_back = False
+
     def __init__(self, options: DriveOptions) -> None:
         # Loaded by the driver's process alone.
         import pylibfranka
 
+        assert options.franka is not None
+        force = options.franka.contact_force
         self._library = pylibfranka
         self._errors = (pylibfranka.FrankaException, RuntimeError, ValueError)
         self._names = options.names
@@ -102,9 +106,8 @@ class FrankaArm:
             if options.is_first and state.robot_mode == pylibfranka.RobotMode.Reflex:
                 # Somebody has just started the driver, and so has seen what happened.
                 self._robot.automatic_error_recovery()
-            if options.contact_force is not None:
-                thresholds = limit_thresholds(options.contact_force)
-                torques, forces = map(list, thresholds)
+            if force is not None:
+                torques, forces = map(list, limit_thresholds(force))
                 self._robot.set_collision_behavior(torques, torques, forces, forces)
 
     @contextlib.contextmanager
@@ -243,12 +246,10 @@ class FrankaProgramArm(FrankaArm):
 
     def __init__(self, options: DriveOptions) -> None:
         super().__init__(options)
+        own = options.franka
+        assert own is not None
         self._waypoints = Waypoints(
-            options.waypoints,
-            options.velocities,
-            options.accelerations,
-            options.deceleration,
-            PERIOD,
+            own.waypoints, own.velocities, own.accelerations, options.deceleration, PERIOD
         )
         # A program begins when somebody starts the driver, and not after a lost connection.
         self._program = Program.RUNNING if options.is_first else Program.STOPPED
@@ -358,21 +359,3 @@ def _list_datagram_sockets() -> set[int]:
                     if duplicate.type == socket.SOCK_DGRAM:
                         found.add(descriptor)
     return found
-
-
-def _describe_stop(options: DriveOptions) -> str:
-    """What stops an arm whose driver has ended."""
-    return "without positions the robot stops by itself"
-
-
-MAKE = Make(
-    joints=JOINTS,
-    rates=(1.0 / PERIOD, 1.0 / PERIOD),
-    library="pylibfranka",
-    package="pylibfranka",
-    has_program=False,
-    connect_program=FrankaProgramArm,
-    connect_motion=FrankaMotionArm,
-    stop=_describe_stop,
-)
-"""What the driver has to know of these arms."""

@@ -65,6 +65,7 @@ class DriveLoop:
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
+        self._is_silent = False
 
     def run(self) -> None:
         """Drive until the measurement is done, if there is one.
@@ -90,10 +91,13 @@ class DriveLoop:
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at
-        if not silence <= self._options.longest_silence:
+        if not (self._arm.comes_back or silence <= self._options.longest_silence):
             raise ArmLostError(f"the robot has sent no state for {silence:.2g} s")
         if self._state is not None:
             is_silent = not silence <= self._options.timeout
+            if is_silent != self._is_silent:
+                self._is_silent = is_silent
+                self._link.tell("the robot is silent" if is_silent else "the robot is heard again")
             hindrance = self._trouble or ("the robot is silent" if is_silent else "")
             self._conduct.act(
                 Moment(

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Make, Program, WrongArmError
+from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
@@ -105,6 +105,8 @@ class UrArm:
         ArmLostError: It cannot be connected; says why, and what to do.
         WrongArmError: It is not the one of the cell file.
     """
+
+    comes_back = False
 
     def __init__(self, options: DriveOptions) -> None:
         self._host = options.host
@@ -323,23 +325,3 @@ def _explain(error: Exception) -> ArmLostError:
             "driver)"
         )
     return ArmLostError(f"ur_rtde: {error}")
-
-
-def stop(options: DriveOptions) -> str:
-    """Stop an arm by a script; says whether it could be sent."""
-    if stop_by_script(options.host, options.deceleration):
-        return "the arm was told to stop"
-    return "no script reaches the arm, so see that it stands"
-
-
-MAKE = Make(
-    joints=(JOINTS,),
-    rates=(1.0, 500.0),
-    library="rtde_receive",
-    package="ur_rtde",
-    has_program=True,
-    connect_program=UrProgramArm,
-    connect_motion=UrMotionArm,
-    stop=stop,
-)
-"""What the driver has to know of these arms."""

@@ -20,8 +20,8 @@ from collections.abc import Callable
 import msgspec
 
 from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
-from armguard.drivers.makes import find_make
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.stop_alone import stop_alone
 from armguard.exceptions import ArmguardError
 
 CONNECT_TIMEOUT = 20.0
@@ -32,6 +32,13 @@ RETRY = 0.5
 
 END_TIMEOUT = 2.0
 """How long a process may take to end when it is told to, in [s]."""
+
+_LIBRARIES = {
+    "ur": ("ur_rtde", "rtde_receive", "ur"),
+    "franka": ("pylibfranka", "pylibfranka", "franka"),
+    "ros2": ("cyclonedds", "cyclonedds", "dds"),
+}
+"""By driver: its library, a module of that, and the extra that brings it."""
 
 _WAIT = 0.05
 _LONGEST_LINE = 65536
@@ -124,12 +131,12 @@ class _Driver:
 
 def check_library(driver: str) -> None:
     """Raise ArmguardError where the client library of a robot is not installed."""
-    make = find_make(driver)
-    if importlib.util.find_spec(make.library) is None:
+    library, module, extra = _LIBRARIES[driver]
+    if importlib.util.find_spec(module) is None:
         raise ArmguardError(
             f"driver {driver!r}",
-            f"needs {make.package}, which is not installed",
-            remedy=f"pip install 'armguard[{driver}]'",
+            f"needs {library}, which is not installed",
+            remedy=f"pip install 'armguard[{extra}]'",
         )
 
 
@@ -161,13 +168,14 @@ def watch(
         return is_ending() or time.monotonic() >= end
 
     while not is_over():
-        driver = _Driver(msgspec.structs.replace(options, is_first=report.connections == 0))
+        is_first = options.is_first and not report.connections
+        driver = _Driver(msgspec.structs.replace(options, is_first=is_first))
         try:
             code = _attend(driver, options, report, tell, told, is_over)
         except BaseException:
             # Whatever it is, a second Ctrl-C as well: the driver ends, and the arm stops.
             driver.process.kill()
-            find_make(options.driver).stop(options)
+            stop_alone(options)
             raise
         finally:
             driver.close()
@@ -226,7 +234,7 @@ def _attend(
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
     """Stop the arm without the driver's process, and tell why."""
-    tell(f"{cause}: {find_make(options.driver).stop(options)}")
+    tell(f"{cause}: {stop_alone(options)}")
 
 
 def _take(

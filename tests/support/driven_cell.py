@@ -1,4 +1,4 @@
-"""A cell that a driver drives: a simulated robot, a stand-in for the monitor, and the driver.
+"""A cell that a driver drives: a simulated controller, a stand-in for the monitor, and the driver.
 
 The driver is `armguard drive` as a process of its own, with the client library of the maker's
 robots in it. The stand-in publishes verdicts of one level at a rate, and keeps the joint states.
@@ -127,28 +127,29 @@ class StandIn:
         socket.close(0)
 
 
-class Driven:
-    """A robot, a stand-in and `armguard drive`; a context.
+class DriverProcess:
+    """`armguard drive` and a stand-in for the monitor; a context.
 
     Args:
         folder: For its files.
-        cell: The cell file.
-        robot: A context.
+        text: The cell file.
         options: Of the command.
+
+    Attributes:
+        environment: Of the process.
     """
 
-    def __init__(self, folder, cell, robot, *options):
-        self.robot = robot
+    def __init__(self, folder, text, *options):
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(cell)
+        self.cell.write_text(text)
         self.lines = []
         self.output = ""
+        self.environment = None
         self._options = options
         self.process = None
 
     def __enter__(self):
-        self.robot.__enter__()
         self.monitor.__enter__()
         self.start()
         return self
@@ -157,6 +158,7 @@ class Driven:
         """Start the driver."""
         self._close()
         addresses = ["--joints", self.monitor.joints, "--verdicts", self.monitor.verdicts]
+        addresses += ["--obstacles", self.monitor.joints]
         command = [sys.executable, "-m", "armguard", "drive", str(self.cell), *addresses]
         self.process = subprocess.Popen(
             [*command, *self._options],
@@ -164,6 +166,7 @@ class Driven:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            env=self.environment,
         )
         self._reader = threading.Thread(target=self._read, args=[self.process], daemon=True)
         self._reader.start()
@@ -184,7 +187,6 @@ class Driven:
     def __exit__(self, *_):
         self._close()
         self.monitor.__exit__()
-        self.robot.__exit__()
 
     def end(self):
         """End the driver as Ctrl-C does; its exit code."""
@@ -213,8 +215,8 @@ class Driven:
         return any(text in line for line in self.lines)
 
 
-class DrivenCell(Driven):
-    """One with a simulated controller of Universal Robots.
+class DrivenCell(DriverProcess):
+    """A simulated controller, and what drives it; a context.
 
     Args:
         folder: For its files.
@@ -226,9 +228,16 @@ class DrivenCell(Driven):
 
     def __init__(self, folder, *options, more="", timeout=0.5, **controller):
         self.host = find_host()
+        super().__init__(folder, CELL.format(host=self.host, more=more, timeout=timeout), *options)
         self.controller = UrController(self.host, **controller)
-        cell = CELL.format(host=self.host, more=more, timeout=timeout)
-        super().__init__(folder, cell, self.controller, *options)
+
+    def __enter__(self):
+        self.controller.__enter__()
+        return super().__enter__()
+
+    def __exit__(self, *_):
+        super().__exit__()
+        self.controller.__exit__()
 
     def wait_until_driving(self, other_than=None):
         """Return when a driver is connected that is another one than that process."""

@@ -5,14 +5,13 @@ another version of numpy than armguard.
 """
 
 import ast
-import contextlib
 import math
 import os
 import signal
 import subprocess
 from pathlib import Path
 
-from support.driven_cell import Driven, find_host
+from support.driven_cell import DriverProcess, find_host
 from support.waiting import wait_until
 
 PYTHON = os.environ.get("ARMGUARD_FRANKA_SIM", "")
@@ -103,7 +102,7 @@ class FrankaPeer:
         self.process.send_signal(signal.SIGCONT)
 
 
-class DrivenFranka(Driven):
+class DrivenFranka(DriverProcess):
     """One with a peer that the test has started.
 
     Args:
@@ -114,8 +113,7 @@ class DrivenFranka(Driven):
     """
 
     def __init__(self, folder, peer, *options, more=f"waypoints = {WAYPOINTS}"):
-        cell = CELL.format(host=peer.host, more=more)
-        super().__init__(folder, cell, contextlib.nullcontext(), *options)
+        super().__init__(folder, CELL.format(host=peer.host, more=more), *options)
         self.peer = peer
 
     def start(self):
