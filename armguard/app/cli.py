@@ -133,6 +133,8 @@ class Run:
     """What `armguard reset` must bring to end a latched STOP; without one, none is obeyed."""
     record: Path | None = None
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
+    proof_interval: float = 0.1
+    """Seconds between two proofs in it, of verdicts that are not CLEAR; inf: none are made."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -254,6 +256,25 @@ class Replay:
         from armguard.app.replay import replay
 
         return replay(self)
+
+
+@command
+class Check:
+    """Check the proofs of a recording by a program that shares nothing with armguard.
+
+    Example: armguard check run.mcap
+    """
+
+    file: Positional[Path]
+    """What `--record` or `armguard.Recorder` wrote."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
+
+    def run(self) -> int:
+        """Check; the exit code is 1 where there is no proof, or one does not hold."""
+        from armguard.app.check import check
+
+        return check(self)
 
 
 @command
@@ -662,7 +683,7 @@ class Robots:
 
 GROUPS: dict[str, dict[str, type[Command]]] = {
     "run": {"demo": Demo, "run": Run, "shield": Shield, "drive": Drive, "reset": Reset},
-    "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
+    "look": {"view": View, "replay": Replay, "check": Check, "show": Show, "robots": Robots},
     "prepare": {
         "robot": NewRobot,
         "cover": Cover,

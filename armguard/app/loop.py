@@ -277,6 +277,9 @@ class RateLoop:
         )
 
 
+PROVING_TIME = 0.5e-3
+"""What a proof, which is made now and then, and what was left are done within, in [s]."""
+
 RECORDING_CHECK_INTERVAL = 1.0
 """Between two looks whether a recording is still being written, in [s]."""
 
@@ -318,8 +321,10 @@ class RunRecording(Observer):
             self._check_writer(loop)
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Write what was left for when there is time."""
+        """Write what was left for when there is time, and prove the verdict if there is enough."""
         self.recorder.write_pending()
+        if idle > PROVING_TIME:
+            self.recorder.prove_pending()
         if loop.clock.now() >= self._next_check:
             self._check_writer(loop)
 
@@ -354,6 +359,8 @@ class RunOptions:
     """Bound for readers of verdicts."""
     record: Path | None = None
     """Where to write a recording: a new file, or a folder for one; None: nowhere."""
+    proof_interval: float = 0.1
+    """Between two proofs in the recording of verdicts that are not CLEAR, in [s]; inf: none."""
     duration: float = math.inf
     """How long to run, in [s]."""
     reset_token: str | None = None
@@ -439,7 +446,10 @@ def run(
             if authenticator is not None:
                 resources.enter_context(authenticator)
         if options.record is not None:
-            log = RunRecording(armguard.Recorder(options.record, monitor), edge.faults, tell)
+            recorder = armguard.Recorder(
+                options.record, monitor, proof_interval=options.proof_interval
+            )
+            log = RunRecording(recorder, edge.faults, tell)
             resources.callback(log.close)
             observers.insert(0, log)
         inputs: list[Input] = []

@@ -60,6 +60,10 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
     """
     if not wishes.duration > 0.0:
         raise ArmguardError("--duration", f"is {wishes.duration}", expected="seconds above 0")
+    if not wishes.proof_interval >= 0.0:
+        raise ArmguardError(
+            "--proof-interval", f"is {wishes.proof_interval}", expected="seconds, or inf"
+        )
     cell = Cell.load(wishes.cell, wishes.arm)
     if wishes.record is not None:
         # Loaded where a recording is asked for, by no other run.
@@ -71,6 +75,7 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         wishes.joints,
         wishes.verdicts,
         record=wishes.record,
+        proof_interval=wishes.proof_interval,
         duration=wishes.duration,
         reset_token=wishes.reset_token,
         realtime=not wishes.no_realtime,

@@ -549,6 +549,10 @@ class Monitor:
             return None
         return self._queries.explain(tick, result.pair, by_braking=self._stopped_by_braking)
 
+    def prepare_proofs(self) -> None:
+        """Compile what `prove` runs, so that the first proof takes no longer than others."""
+        self._queries.prepare_proofs()
+
     def prove(self, verdict: Verdict) -> Proof | None:
         """What was proved of the pair that decided the last verdict, for `armguard_check`.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from armguard.bounds.joint_table import make_table
 from armguard.jit.arrays import FloatArray
-from armguard.jit.handle import pack
+from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import SUM_ROUNDING
 from armguard.messages.proof import (
     BrakeColumns,
@@ -86,6 +86,21 @@ class Prover:
         self._found = make_separations(most, NODES)
         self._still = np.zeros((len(box.turning), 6))
         self._first = tree.root
+        self._told_arm: TrustedArm | None = None
+        self._told_of: tuple[bytes, ...] = ()
+        self._pack()
+
+    def _pack(self) -> None:
+        """Lay out the scene for compiled code, once for all ticks in which it stays the same."""
+        state = self.arm.state
+        self._scene = state.scene
+        self._handles = tuple(
+            pack(ProofScene(state.scene, table, self._found, self._still))
+            for table in (self._free, self._brakes)
+        )
+        joints = np.zeros((2, len(self._still)))
+        self._tabulate = machine_code(tabulate, self._handles[0], *joints, 0.0, 0.0)
+        self._find = machine_code(find_separations, self._handles[0], 0, 0, 0, 0.0, True)
 
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
         """The proof of a pair in the last tick, whose arm was prepared.
@@ -103,6 +118,8 @@ class Prover:
         bodies = list_states(state.bodies, state.refused_bodies, state.marks, row, tick.now)
         if not bodies or tick.arm_age < 0.0:
             return None
+        if state.scene is not self._scene:
+            self._pack()
         told = "this" if verdict.level is Level.STOP else "next"
         spheres: set[int] = set()
         motions = [
@@ -158,14 +175,14 @@ class Prover:
         state.refinement_threshold = tick.refinement_threshold
         evaluate(state, pairs, times, nodes, np.zeros(1, dtype=np.int8))
         state.refinement_threshold, state.sphere_time[:] = threshold, sphere_time
-        handle = pack(ProofScene(state.scene, table, self._found, self._still))
+        handle = self._handles[0]
         for share in SHARES:
             end = share * min(float(times[0]), LONGEST)
             if not end > 0.0:
                 return None
             # Dense where displacements grow like t².
             table.time[:] = end * (np.arange(NODES) / (NODES - 1)) ** 2.0
-            tabulate(handle, tick.q, tick.v, tick.arm_age, np.inf)
+            self._tabulate(handle, tick.q, tick.v, tick.arm_age, np.inf)
             found = self._separate(handle, tick.now, link, row, count, brakes=False)
             if found is not None:
                 return self._describe_motion("never", table, found, spheres)
@@ -179,11 +196,11 @@ class Prover:
         horizon = settings.latency if told == "this" else settings.response_time
         if not braking.covers(tick.v, tick.arm_age, horizon):
             return None
-        handle = pack(ProofScene(self.arm.state.scene, table, self._found, self._still))
+        handle = self._handles[1]
         stop = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon).time
         table.time[:] = stop * (1.0 + SUM_ROUNDING)
         bite = horizon + settings.reaction_time
-        tabulate(handle, tick.q, tick.v, tick.arm_age, tick.arm_age + bite)
+        self._tabulate(handle, tick.q, tick.v, tick.arm_age, tick.arm_age + bite)
         found = self._separate(handle, tick.now, link, row, count, brakes=True)
         return self._describe_motion(told, table, found or [], spheres)
 
@@ -194,7 +211,7 @@ class Prover:
         separations, found, first = [], self._found, int(self._first[link])
         begins = 0 if self.arm.state.marks.has_state[row] else 1
         for number in range(count):
-            taken = find_separations(handle, link, row, begins + number, now, brakes)
+            taken = self._find(handle, link, row, begins + number, now, brakes)
             if taken == FAILED:
                 return None
             begin = 0
@@ -231,6 +248,11 @@ class Prover:
         """What is taken on trust of the arm, as it is now."""
         limits = self.arm.motion.joint.limits
         brakes = limits.brakes
+        # What may change from tick to tick; all else of the arm stands.
+        changing = (*brakes, limits.operating_velocity, limits.operating_acceleration)
+        stated = tuple(one.tobytes() for one in changing)
+        if self._told_arm is not None and self._told_of == stated:
+            return self._told_arm
         arm = TrustedArm(
             digest="",
             joints=self._joints,
@@ -252,6 +274,7 @@ class Prover:
             ],
         )
         seal(arm)
+        self._told_arm, self._told_of = arm, stated
         return arm
 
     def _describe_cover(self, link: int, spheres: set[int]) -> TrustedCover:

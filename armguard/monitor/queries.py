@@ -110,15 +110,21 @@ class Queries:
             pair: Row × links + link.
             verdict: Its verdict.
         """
-        from armguard.monitor.proof import Prover
-
         scheduler = self._scheduler
         if pair // len(scheduler.arm.links) in self._obstacles.membership_changes():
             return None
-        if self._prover is None or self._prover.arm is not scheduler.arm:
-            self._prover = Prover(scheduler.arm, self._settings)
+        prover = self.prepare_proofs()
         scheduler.prepare(tick)
-        return self._prover.prove(tick, pair, verdict)
+        return prover.prove(tick, pair, verdict)
+
+    def prepare_proofs(self) -> Prover:
+        """What makes proofs for the links that the robot has now."""
+        from armguard.monitor.proof import Prover
+
+        arm = self._scheduler.arm
+        if self._prover is None or self._prover.arm is not arm:
+            self._prover = Prover(arm, self._settings)
+        return self._prover
 
     def headroom(self, tick: Tick | None) -> Headroom:
         """What evaluations cost now; nothing is watched before the first tick."""

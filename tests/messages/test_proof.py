@@ -2,7 +2,9 @@ import json
 import math
 
 import armguard_check.proof
-from armguard.messages.proof import TrustedCover, seal, spell_numbers
+from armguard.messages.proof import Proof, TrustedCover, seal, spell_numbers, write_proof
+from armguard.recording.json_form import read_json, write_json
+from support.recorded_messages import VERDICT_PROOF
 
 
 def test_the_digest_is_that_of_the_checker():
@@ -16,6 +18,17 @@ def test_the_digest_is_that_of_the_checker():
     assert plain["digest"] == armguard_check.proof.digest(plain)
     plain["reach"][0] = math.nextafter(0.1, 1.0)
     assert plain["digest"] != armguard_check.proof.digest(plain)
+
+
+def test_a_recording_holds_it_as_the_checker_reads_it():
+    recorded, line = json.loads(write_json(VERDICT_PROOF)), json.loads(write_proof(VERDICT_PROOF))
+    assert recorded == line
+    assert recorded["arm"]["digest"] == armguard_check.proof.digest(recorded["arm"])
+    assert again(VERDICT_PROOF) == recorded
+
+
+def again(proof):
+    return json.loads(write_json(read_json(Proof, write_json(proof))))
 
 
 def test_what_json_has_no_number_for_is_spelled():

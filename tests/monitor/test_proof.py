@@ -43,9 +43,10 @@ def test_each_level_is_proved(x, level, told):
     # Other intervals of time, and a second at most.
     assert proved.contact_time >= 0.9 * min(verdict.contact_time, 1.0)
     assert proved.rests or level == "STOP"
-    # Of a verdict that says STOP, the arm is told by itself, and not by the next one.
-    sooner = monitor.period if told == "this" else 0.0
-    assert stop.times[-1] == pytest.approx(verdict.stop_time - sooner, rel=1e-6)
+    if told == "next":
+        assert stop.times[-1] == pytest.approx(verdict.stop_time, rel=1e-6)
+    else:
+        assert stop.times[-1] <= verdict.stop_time - monitor.period
 
 
 def test_proofs_change_nothing_that_follows():
