@@ -16,7 +16,7 @@ PERIOD = 1e-3
 def record(path, *, ticks=400, **options):
     """A ball that comes near a Panda at rest."""
     obstacles = armguard.Obstacles(sources=["camera"], accel=10.0, speed=1.6)
-    monitor = armguard.Monitor(panda(), obstacles, rise_delay=0.0, period=PERIOD)
+    monitor = armguard.Monitor(panda(), obstacles, rise_delay=0.0, rate=1.0 / PERIOD)
     with armguard.Recorder(path, monitor, **options):
         for tick in range(ticks):
             if tick % 10 == 0:
