@@ -188,6 +188,10 @@ class Proof(Message, tag="proof", kw_only=True):
     """of the obstacle; each of them may be true"""
     motions: list[ProvedMotion]
 
+    def to_json(self) -> bytes:
+        """The proof as a line of JSON, for `python -m armguard_check`."""
+        return json.dumps(spell_numbers(msgspec.to_builtins(self))).encode()
+
 
 def seal(part: TrustedArm | TrustedCover) -> None:
     """Fill the digest of what is taken on trust: the sha-256 of the rest of it, as JSON."""
@@ -195,11 +199,6 @@ def seal(part: TrustedArm | TrustedCover) -> None:
     del plain["digest"]
     text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
     part.digest = hashlib.sha256(text.encode()).hexdigest()
-
-
-def write_proof(proof: Proof) -> bytes:
-    """A proof as a line of JSON, for `python -m armguard_check`."""
-    return json.dumps(spell_numbers(msgspec.to_builtins(proof))).encode()
 
 
 def spell_numbers(value: Any) -> Any:

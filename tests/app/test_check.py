@@ -6,7 +6,7 @@ import pytest
 import armguard
 from armguard.app import check as command
 from armguard.app.cli import main
-from armguard.messages.proof import Proof, write_proof
+from armguard.messages.proof import Proof
 from armguard.recording.reading import Recording
 from support.panda_monitor import HOME, STILL, panda
 
@@ -99,4 +99,4 @@ def test_a_checker_that_ends_early_is_no_verification(recording, monkeypatch, ca
 
 def test_lines_are_those_that_the_library_writes(recording):
     events = [one for one in Recording(recording).events() if isinstance(one.event, Proof)]
-    assert all(json.loads(write_proof(one.event)) == json.loads(one.data) for one in events)
+    assert all(json.loads(one.event.to_json()) == json.loads(one.data) for one in events)

@@ -2,7 +2,7 @@ import json
 import math
 
 import armguard_check.proof
-from armguard.messages.proof import Proof, TrustedCover, seal, spell_numbers, write_proof
+from armguard.messages.proof import Proof, TrustedCover, seal, spell_numbers
 from armguard.recording.json_form import read_json, write_json
 from support.recorded_messages import VERDICT_PROOF
 
@@ -21,7 +21,7 @@ def test_the_digest_is_that_of_the_checker():
 
 
 def test_a_recording_holds_it_as_the_checker_reads_it():
-    recorded, line = json.loads(write_json(VERDICT_PROOF)), json.loads(write_proof(VERDICT_PROOF))
+    recorded, line = json.loads(write_json(VERDICT_PROOF)), json.loads(VERDICT_PROOF.to_json())
     assert recorded == line
     assert recorded["arm"]["digest"] == armguard_check.proof.digest(recorded["arm"])
     assert again(VERDICT_PROOF) == recorded

@@ -3,7 +3,6 @@ import json
 import numpy as np
 import pytest
 
-from armguard.messages.proof import write_proof
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard_check import verify
@@ -12,7 +11,7 @@ from support.permitted_contact import Encounter
 
 
 def check(proof):
-    return verify(json.loads(write_proof(proof)))
+    return verify(json.loads(proof.to_json()))
 
 
 def make(**settings):

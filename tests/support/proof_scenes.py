@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 
-from armguard.messages.proof import write_proof
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
@@ -70,7 +69,7 @@ def make_proof(random, *, name=None):
     )
     verdict = monitor.step(now - random.uniform(0.0, 0.005), q, v, now)
     proof = monitor.prove(verdict)
-    return None if proof is None else json.loads(write_proof(proof))
+    return None if proof is None else json.loads(proof.to_json())
 
 
 def make_proofs(seed, count):
