@@ -36,6 +36,7 @@ from armguard.pairs.separations import (
     FAILED,
     REACH,
     ProofScene,
+    are_brakes_stated,
     find_separations,
     make_separations,
     tabulate,
@@ -100,6 +101,7 @@ class Prover:
         )
         joints = np.zeros((2, len(self._still)))
         self._tabulate = machine_code(tabulate, self._handles[0], *joints, 0.0, 0.0)
+        self._are_brakes_stated = machine_code(are_brakes_stated, self._handles[0], *joints, 0.0)
         self._find = machine_code(find_separations, self._handles[0], 0, 0, 0, 0.0, True)
 
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
@@ -196,11 +198,12 @@ class Prover:
         horizon = settings.latency if told == "this" else settings.response_time
         if not braking.covers(tick.v, tick.arm_age, horizon):
             return None
-        handle = self._handles[1]
+        handle, free = self._handles[1], tick.arm_age + horizon + settings.reaction_time
+        if not self._are_brakes_stated(handle, tick.q, tick.v, free):
+            return None
         stop = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon).time
         table.time[:] = stop * (1.0 + SUM_ROUNDING)
-        bite = horizon + settings.reaction_time
-        self._tabulate(handle, tick.q, tick.v, tick.arm_age, tick.arm_age + bite)
+        self._tabulate(handle, tick.q, tick.v, tick.arm_age, free)
         found = self._separate(handle, tick.now, link, row, count, brakes=True)
         return self._describe_motion(told, table, found or [], spheres)
 
