@@ -169,12 +169,13 @@ class _Check:
         if type(carrier) is not int or not -1 <= carrier < count:
             raise ProofError("the link is carried by no joint")
         errors = read_list(self.arm["position_error"], count)
-        x, y, z, radius = read_list(self.cover["reach"], 4)
-        self.balls = {REACH: Ball(joints, -1, (x, y, z), radius, [], errors)}
+        self.balls: dict[object, Ball] = {}
         for ball in self.cover["balls"]:
             center, lever = read_vector(ball["center"]), read_list(ball["lever"], count)
             made = Ball(joints, carrier, center, read(ball["radius"]), lever, errors)
             self.balls[ball["node"]] = made
+        x, y, z, radius = read_list(self.cover["reach"], 4)
+        self.balls[REACH] = Ball(joints, -1, (x, y, z), radius, [], errors)
 
     def run(self) -> Proved:
         contact_time, rests = 0.0, False
@@ -187,9 +188,8 @@ class _Check:
             if not motion["separations"]:
                 continue
             self.check_cover(motion["separations"])
-            if self.brakes:
-                rests = True
-            else:
+            rests = rests or self.brakes
+            if not self.brakes:
                 contact_time = max(contact_time, motion["times"][-1])
         return Proved(contact_time, rests, self.arm["digest"])
 
@@ -198,6 +198,8 @@ class _Check:
         if not self.brakes:
             self.tube.check(self.sides, self.age, None)
             return
+        if (told == "this") != (self.proof["level"] == "STOP"):
+            raise ProofError("the arm is told to stop by another verdict than this level says")
         bite = total([greatest(read(self.proof[name]), ZERO) for name in DELAYS[told]])
         self.tube.check(self.sides, self.age, self.age + bite)
         for side in (side for both in self.sides for side in both):

@@ -120,8 +120,6 @@ class Side(NamedTuple):
         if speed.high <= 0:
             return ZERO
         stop, since = self.find_stop(speed), s - free
-        if since.high <= 0:
-            return speed
         if since.covers(stop.rest_time(speed)):
             return ZERO
         return greatest(speed - stop.deceleration * greatest(since, ZERO), ZERO)

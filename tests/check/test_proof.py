@@ -106,7 +106,7 @@ def spoil(value, random):
 
 def test_nonsense_is_refused_and_never_an_error(proofs):
     random = np.random.default_rng(7)
-    for proof in proofs[:15]:
+    for proof in proofs[:6]:
         for _ in range(20):
             changed = spoil(proof, random)
             for part in ("arm", "cover"):
@@ -133,3 +133,22 @@ def test_the_checker_stands_by_itself():
 
 def test_numbers_survive_json(proofs):
     assert json.loads(json.dumps(proofs[0])) == proofs[0]
+
+
+def test_who_may_go_on_is_told_by_the_next_verdict(proofs):
+    for proof in proofs:
+        if len(proof["motions"]) == 2:
+            changed = copy.deepcopy(proof)
+            changed["level"] = "SLOW" if proof["level"] == "STOP" else "STOP"
+            with pytest.raises(ProofError, match="another verdict"):
+                verify(changed)
+
+
+def test_no_ball_stands_for_what_the_link_cannot_leave(proofs):
+    for proof in proofs[:12]:
+        balls = proof["cover"]["balls"]
+        if balls:
+            changed = copy.deepcopy(proof)
+            changed["cover"]["balls"].append(balls[0] | {"node": -1, "radius": 0.0})
+            seal(changed["cover"])
+            assert verify(changed) == verify(proof)
