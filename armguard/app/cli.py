@@ -135,6 +135,8 @@ class Run:
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     proof_interval: float = 0.1
     """Seconds between two proofs in it, of verdicts that are not CLEAR; inf: none are made."""
+    drive: Flag = False
+    """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -205,9 +207,13 @@ class Drive:
     """How long to drive, in seconds."""
     json: Flag = False
     """Print one JSON object at the end; what is for people goes to standard error."""
+    parent: int | None = None
+    """End when this process is no longer the one that started this command."""
 
     def run(self) -> int:
         """Drive until the end of the duration, or Ctrl-C."""
+        if self.parent is not None:
+            end_with(self.parent)
         from armguard.app.drive import drive
 
         return drive(self)

@@ -15,6 +15,7 @@ import msgspec
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import AUTO, Cell
+from armguard.app.cell.schema import make_error
 from armguard.app.loop import Observer, RateLoop, RunOptions, run
 from armguard.app.premises import describe_missing_limits, list_premises, summarise_premises
 from armguard.app.processes import COMPLAINT, complain
@@ -38,6 +39,7 @@ from armguard.verdict import ResetVerdict, Verdict
 
 if TYPE_CHECKING:
     from armguard.app import cli
+    from armguard.app.driver_process import DriverProcess
     from armguard.app.view_feed import MonitorFeed
     from armguard.view.publisher import FramePublisher
 
@@ -70,6 +72,8 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         from armguard.recording.recorder import check_new
 
         check_new(wishes.record)
+    if wishes.drive:
+        check_driver(cell, wishes)
     options = RunOptions(
         wishes.obstacles,
         wishes.joints,
@@ -101,10 +105,17 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         # Its thread starts before real-time scheduling is asked for.
         announcer = resources.enter_context(Announcer(quiet=wishes.quiet))
         observer = _Observer(cell, publisher, announcer, wishes.record)
+        driver: DriverProcess | None = None
+        if wishes.drive:
+            from armguard.app.driver_process import DriverProcess
+
+            driver = resources.enter_context(DriverProcess(wishes.cell, cell.arm, announcer.tell))
         # Its thread as well.
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 
         def tell_addresses(addresses: Mapping[str, str]) -> None:
+            if driver is not None:
+                driver.start(addresses)
             has_keys = authenticator is not None
             announcer.remedy = describe_remedy(
                 addresses, wishes.reset_token, has_keys=has_keys, arm=cell.arm
@@ -168,6 +179,21 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
     else:
         make_console().print(draw_summary(summary))
     return 0
+
+
+def check_driver(cell: Cell, wishes: cli.Run) -> None:
+    """Raise ArmguardError unless a run can start the driver of its cell."""
+    if cell.tables.robot.driver is None:
+        raise make_error(
+            cell.file, "robot.driver", "is missing", '{ name = "ur", host = "…", model = "UR5e" }'
+        )
+    if cell.tables.keys is not None or wishes.joints == "-":
+        why = "the cell has keys" if cell.tables.keys is not None else "joint states are read here"
+        raise ArmguardError(
+            "--drive",
+            f"cannot be used: {why}",
+            remedy="start `armguard drive` by itself; it takes --key and --server-key",
+        )
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:

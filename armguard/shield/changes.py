@@ -95,14 +95,15 @@ class PaceChanges:
             None where the joints' limits leave no change of pace, or one that leads back first, or
             that gets faster than the path's clock.
         """
-        at, now, _ = place
+        at, now, change = place
         fastest = max(now, pace)
         way = fastest * (lasting + 0.1)
         for _ in range(MOST_LOOKS):
             speeding, braking, jerk = self._find_limits(path, at, way, fastest)
             if not min(speeding, braking, jerk) > SLOWEST:
                 return None
-            going = self._reach(place, pace, speeding if pace > now else braking, jerk)
+            grows = pace > now + 0.5 * change * abs(change) / jerk  # once its change has ended
+            going = self._reach(place, pace, speeding if grows else braking, jerk)
             left = tuple(values[0] for values in going.at_time(lasting))
             if _turns_back(place, jerk) or _turns_back(left, jerk):
                 return None

@@ -193,6 +193,8 @@ class RandomShield:
         self._off, self._off_to = np.zeros(7), np.zeros(7)
         self._wish = Wish()
         self._blind = self._silent = 0
+        self._has_told = False
+        self._last_seen: tuple[float, np.ndarray, np.ndarray] | None = None
         self._asked = 0.0
         self._change_wish()
 
@@ -248,7 +250,7 @@ class RandomShield:
             self._is_misled = False
         if 0.1 < chance < 0.102:
             places[0] = np.nan
-        else:
+        elif self._last_seen is None or stamp >= self._last_seen[0]:
             self._last_seen = stamp, places, velocities
         self._tell(self.obstacles, stamp, places, velocities)
 
@@ -271,7 +273,7 @@ class RandomShield:
         rests = not np.abs(self.v).max() > 1e-12
         if rests and random.random() < (0.5 if self._is_latched else 0.002):
             self.shield.reset()
-            self._is_elsewhere = True
+            self._is_elsewhere, self._has_told = True, False
             self.counts["resets"] += 1
         now = self.now
         if random.random() < 0.001:
@@ -308,8 +310,11 @@ class RandomShield:
             v[random.integers(7)] = random.choice([np.nan, np.inf, 1e3])
         elif chance < 0.0025:
             return random.choice([np.nan, np.inf, "noon", self.now + 1.0, -1e9]), q, v
-        elif chance < 0.003:
+        elif chance < 0.003 and self._has_told:
+            # Nobody can tell that the first state is so far off.
             q = q + 1.0
+        else:
+            self._has_told = True
         return state.time, q, v
 
     def _take(self, command: Command, stamp, q, v) -> None:
@@ -428,6 +433,7 @@ class RandomShield:
     def _check_by_another(self, plan: Plan, stamp, q, v) -> None:
         """That a monitor proves it that knows nothing but what was seen last."""
         obstacles = Obstacles(sources=["camera"])
+        assert self._last_seen is not None
         self._tell(obstacles, *self._last_seen)
         other = Monitor(self._robot, obstacles, payload=self.monitor.payload, **self._settings)
         other.step(stamp, q, v, self.now)

@@ -1,8 +1,8 @@
 """A camera that loses, swaps and misplaces what it sees, and bodies that know when it does.
 
-The bodies move within their bounds, and towards the arm as fast as these allow while they are
-hidden. Errors begin while a body is seen, and are so large that no body could have moved so in the
-time of the whole episode: a smaller one cannot be told from a motion.
+The bodies move within their bounds and tethers, and towards the arm as fast as these allow while
+they are hidden. Errors begin while a body is seen, and are so large that no body could have moved
+so in the time of the whole episode: a smaller one cannot be told from a motion.
 """
 
 from __future__ import annotations
@@ -32,18 +32,56 @@ def find_least_error(duration):
     return 2.0 * stray + 1e-3
 
 
-class Body:
-    """A ball that moves as its bounds allow."""
+class Body(NamedTuple):
+    """A ball; its arrays change as it moves, in [m] and [m/s]."""
 
-    def __init__(self, name, position):
-        self.name, self.position, self.velocity = name, position, np.zeros(3)
+    name: str
+    position: np.ndarray
+    velocity: np.ndarray
 
-    def move(self, direction, dt):
-        """Accelerate along a unit vector for so long; the bound on speed only weakens it."""
-        faster = self.velocity + ACCEL * dt * direction
-        faster *= min(1.0, SPEED / max(np.linalg.norm(faster), 1e-9))
-        self.position = self.position + 0.5 * dt * (self.velocity + faster)
-        self.velocity = faster
+
+class Limb:
+    """Balls that are tethered one to the next, such as a shoulder, an elbow and a hand; or one.
+
+    Each moves by what the one before it does and, beside that, by an equal share of the bounds. It
+    can always stop, relatively, within its tether.
+
+    Args:
+        rng: Random numbers.
+        names: Of its balls, from its root on.
+        position: Of its root, in [m].
+    """
+
+    def __init__(self, rng, names, position):
+        self._share = 1.0 / len(names)
+        self.lengths = [np.inf, *rng.uniform(0.15, 0.4, len(names) - 1)]
+        self._offsets, self._velocities = np.zeros((2, len(names), 3))
+        self._offsets[0] = position
+        for part, length in enumerate(self.lengths[1:], 1):
+            way = rng.normal(size=3)
+            self._offsets[part] = rng.uniform(0.2, 0.95) * length * way / np.linalg.norm(way)
+        self.bodies = [Body(name, np.zeros(3), np.zeros(3)) for name in names]
+        self._place()
+
+    def move(self, directions, dt):
+        """Accelerate each ball along a unit vector for so long; the bounds only weaken it."""
+        rate, top = self._share * ACCEL, self._share * SPEED
+        for part, direction in enumerate(directions):
+            offset, velocity = self._offsets[part], self._velocities[part]
+            faster = velocity + rate * dt * direction
+            faster *= min(1.0, top / max(np.linalg.norm(faster), 1e-9))
+            after = offset + 0.5 * dt * (velocity + faster)
+            rest = after + faster * (np.linalg.norm(faster) / (2.0 * rate) + dt)
+            if np.linalg.norm(rest) > 0.999 * self.lengths[part]:
+                faster = velocity * max(0.0, 1.0 - rate * dt / max(np.linalg.norm(velocity), 1e-9))
+                after = offset + 0.5 * dt * (velocity + faster)
+            self._offsets[part], self._velocities[part] = after, faster
+        self._place()
+
+    def _place(self):
+        places, paces = self._offsets.cumsum(0), self._velocities.cumsum(0)
+        for body, place, pace in zip(self.bodies, places, paces, strict=True):
+            body.position[:], body.velocity[:] = place, pace
 
 
 class SyntheticCamera:

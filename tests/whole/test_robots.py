@@ -23,7 +23,8 @@ from support.surface_samples import is_inside, sample
 
 SAMPLES = int(os.environ.get("ARMGUARD_SAMPLES", "20000"))
 DEGREES = {
-    "baxter": 14, "kinova": 6, "panda": 7, "tiago": 8, "ur10": 6, "ur5": 6, "ur5e": 6, "xarm7": 7,
+    "baxter": 14, "kinova": 6, "panda": 7, "tiago": 8, "ur10": 6,
+    "ur10e": 6, "ur3e": 6, "ur5": 6, "ur5e": 6, "xarm7": 7,
 }  # fmt: skip
 
 

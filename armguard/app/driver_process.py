@@ -1,0 +1,99 @@
+"""The process of `armguard drive` that a run starts and looks after, from a thread of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from armguard.app.processes import describe_end
+
+REFUSED = 2
+"""Exit code of a driver that cannot drive this robot, whenever it is started."""
+
+RESTART_DELAY = 1.0
+"""Between the end of a driver and the start of the next, in [s]."""
+
+CHECK_INTERVAL = 0.1
+"""Between two looks whether it is to end, in [s]."""
+
+END_TIMEOUT = 8.0
+"""How long a driver may take to leave its arm at rest, in [s]; it says itself what it waits for."""
+
+
+class DriverProcess:
+    """Drives the robot of a cell as long as the context lasts; what ends meanwhile starts again.
+
+    Without a driver no joint states come, which is a STOP; and a driver without a monitor stops its
+    arm. So neither has to trust that the other one is there.
+
+    Args:
+        cell: Its file.
+        arm: Which arm, in a cell with several; empty where there is one.
+        tell: Takes lines for people.
+    """
+
+    def __init__(self, cell: Path, arm: str, tell: Callable[[str], None]) -> None:
+        self._words = [sys.executable, "-m", "armguard", "drive", str(cell)]
+        self._words += ["--arm", arm] if arm else []
+        self._words += ["--parent", str(os.getpid())]
+        self._tell = tell
+        self._is_told, self._is_ending = threading.Event(), threading.Event()
+        # All is done by this thread: what it starts inherits no real-time scheduling.
+        self._thread = threading.Thread(target=self._look_after, name="driver", daemon=True)
+
+    def __enter__(self) -> DriverProcess:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._is_ending.set()
+        self._is_told.set()
+        self._thread.join()
+
+    def start(self, addresses: Mapping[str, str]) -> None:
+        """Have it started, once the monitor listens. Never blocks.
+
+        Args:
+            addresses: Of "joints" and "verdicts", as they are bound.
+        """
+        for name in ("joints", "verdicts"):
+            self._words += [f"--{name}", addresses[name]]
+        self._is_told.set()
+
+    def _look_after(self) -> None:
+        self._is_told.wait()
+        while not self._is_ending.is_set():
+            with subprocess.Popen(
+                self._words,
+                stdin=subprocess.DEVNULL,
+                stdout=sys.stderr,  # the summary of the run alone goes to standard output
+                start_new_session=True,  # Ctrl-C reaches it through us
+            ) as process:
+                code = self._wait(process)
+            if self._is_ending.is_set():
+                return
+            end = f"the robot's driver has ended {describe_end(code)}"
+            if code == REFUSED:
+                self._tell(f"{end}, and is not started again: no joint states come")
+                return
+            self._tell(f"{end}, and is started again")
+            self._is_ending.wait(RESTART_DELAY)
+
+    def _wait(self, process: subprocess.Popen[bytes]) -> int:
+        """The exit code of a process, which is told to end with the context."""
+        while not self._is_ending.is_set():
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                return process.wait(CHECK_INTERVAL)
+        process.send_signal(signal.SIGINT)
+        try:
+            return process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            self._tell("the robot's driver did not end, and was killed: see that the arm stands")
+            return process.wait()
