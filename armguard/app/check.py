@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armguard.app.processes import COMPLAINT
@@ -37,8 +39,13 @@ def check(wishes: cli.Check) -> int:
 
 def _check_proofs(recording: Recording) -> dict[str, Any]:
     """What `python -m armguard_check` says of the proofs, which it reads as they stand there."""
+    # The one that stands beside this package, wherever the process starts.
+    beside = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     with subprocess.Popen(
-        [sys.executable, "-m", "armguard_check"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-m", "armguard_check"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=beside,
     ) as checker:
         assert checker.stdin is not None, "it is a pipe"
         assert checker.stdout is not None, "it is a pipe"
