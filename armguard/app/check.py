@@ -33,7 +33,10 @@ def check(wishes: cli.Check) -> int:
     if wishes.json:
         print_json(lambda: found | {"cut_off": recording.is_cut_off})
     else:
-        sys.stdout.write("".join(f"{line}\n" for line in _describe(found)))
+        lines = _describe(found)
+        if recording.is_cut_off:
+            lines.insert(1, "the recording has no end: what wrote it was killed")
+        sys.stdout.write("".join(f"{line}\n" for line in lines))
     return 0 if 0 < found["proofs"] == found["verified"] else COMPLAINT
 
 

@@ -122,6 +122,8 @@ class Prover:
             return None
         if state.scene is not self._scene:
             self._pack()
+        # As compiled code was told of them.
+        tick = tick._replace(q=np.ascontiguousarray(tick.q), v=np.ascontiguousarray(tick.v))
         told = "this" if verdict.level is Level.STOP else "next"
         spheres: set[int] = set()
         motions = [
