@@ -151,7 +151,8 @@ class Ball:
                 from_axis = add(self.center, scale(-ONE, joint.frame.origin))
                 column, axis = cross(joint.axis, from_axis), joint.axis
             mover = Mover(carrier, joint.slides, column, axis, lever[carrier], errors[carrier])
-            if length(column).exceeds(mover.lever):
+            # A stated axis is as long as 1 and what rounding has made of it.
+            if length(column).exceeds(mover.lever * (ONE + SKEWNESS)):
                 raise ProofError(f"a lever is shorter than the ball is from joint {carrier} now")
             self._movers.insert(0, mover)
             self.size += mover.lever * mover.error

@@ -5,9 +5,11 @@ import pytest
 
 from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
+from armguard.robot import Robot
 from armguard_check import verify
 from support.panda_monitor import HOME, PERIOD, STILL, panda
 from support.permitted_contact import Encounter
+from support.urdf_arms import limits_for, two_links
 
 
 def check(proof):
@@ -121,3 +123,32 @@ def test_it_follows_the_payload():
         check(proof)
         digests.append(proof.arm.digest)
     assert digests[0] != digests[1]
+
+
+def test_it_follows_a_table_that_grows():
+    monitor, obstacles = make()
+    for tick, count in enumerate((1, 300)):
+        places = [[1.5 + 0.01 * k, 0.0, 0.5] for k in range(count)]
+        names = [f"it{k}" for k in range(count)]
+        obstacles.update(names, tick * PERIOD, places, source="camera", radius=0.1)
+        verdict = monitor.step(tick * PERIOD, HOME, STILL)
+        proof = monitor.prove(verdict)
+        assert proof.obstacle == verdict.obstacle
+        assert check(proof).contact_time > 0.0
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_an_arm_of_one_joint_is_proved(kind, tmp_path):
+    robot = Robot.from_urdf(two_links(tmp_path, kind=kind), limits=limits_for("shoulder"))
+    obstacles = Obstacles(sources=["camera"], accel=10.0, speed=1.6)
+    monitor = Monitor(robot, obstacles, rise_delay=0.0)
+    q, v = np.array([0.4]), np.array([-0.3])
+    levels = set()
+    for tick, x in enumerate((3.0, 0.6, 0.3)):
+        obstacles.update(["it"], tick * PERIOD, [[x, 0.0, 0.5]], source="camera", radius=0.1)
+        verdict = monitor.step(tick * PERIOD, q, v)
+        levels.add(verdict.level.name)
+        proved = check(monitor.prove(verdict))
+        assert proved.rests or verdict.level.name == "STOP"
+        assert proved.contact_time >= 0.8 * min(verdict.contact_time, 1.0)
+    assert len(levels) > 1
