@@ -285,9 +285,9 @@ class Recorder:
         self._tried_at = verdict.valid_until
         try:
             proof = self._monitor.prove(verdict)
-        except Exception:
-            # As with what cannot be recorded.
-            self._lose()
+        except Exception as error:
+            # It hurts neither the loop nor what a replay needs.
+            self.note(f"tick {verdict.sequence} could not be proved: {error!r}")
             return
         if proof is not None:
             self._note(lambda: proof)
