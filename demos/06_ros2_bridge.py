@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """A ROS 2 node that supervises an arm: joint states and perception in, diagnostics and a speed out.
 
 Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs). What is in `armguard.bridges.ros2` is tested with
@@ -15,42 +16,19 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from armguard.app.cell import Cell
-from armguard.bridges import FrameErrors, Ros2Cell, describe_verdict, read_speed_override
+from armguard.bridges import (
+    AnswerMaker,
+    FrameErrors,
+    Ros2Cell,
+    describe_verdict,
+    read_speed_override,
+)
 from armguard.exceptions import ArmguardError
 
 CELL = Path(__file__).with_name("cell.toml")
-
-
-class MessageTypes(NamedTuple):
-    """Classes of the messages that go out, and what turns a number into a `byte` of theirs."""
-
-    diagnostic_array: Any
-    diagnostic_status: Any
-    key_value: Any
-    float64: Any
-    header: Any
-    to_byte: Callable[[int], Any]
-
-
-def make_diagnostics(types: MessageTypes, stamp: Any, frame: str, verdict: Any) -> Any:
-    """A verdict as a DiagnosticArray; None, where there is none yet, is a STOP."""
-    level, message, values = describe_verdict(verdict)
-    status = types.diagnostic_status(
-        level=types.to_byte(level),
-        name="armguard",
-        message=message,
-        hardware_id=frame,
-        values=[types.key_value(key=key, value=value) for key, value in values.items()],
-    )
-    return types.diagnostic_array(header=types.header(stamp=stamp, frame_id=""), status=[status])
-
-
-def make_speed_override(types: MessageTypes, verdict: Any) -> Any:
-    """How fast the arm may go on, as a Float64 from 0 to 1."""
-    return types.float64(data=read_speed_override(verdict))
 
 
 def read_topic(text: str) -> tuple[str, str]:
@@ -111,26 +89,19 @@ def main(arguments: tuple[str, ...] = ()) -> None:
         snapshot=options.snapshot,
         errors=dict(options.moving),
     )
-    types = MessageTypes(
-        get_message("diagnostic_msgs/msg/DiagnosticArray"),
-        get_message("diagnostic_msgs/msg/DiagnosticStatus"),
-        get_message("diagnostic_msgs/msg/KeyValue"),
-        get_message("std_msgs/msg/Float64"),
-        get_message("std_msgs/msg/Header"),
-        lambda level: bytes([level]),
-    )
+    answers = AnswerMaker(get_message, lambda level: bytes([level]), robot.name)
     rclpy.init(args=list(arguments))
     node = rclpy.create_node("armguard")
     transform = get_message("tf2_msgs/msg/TFMessage")
     kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    diagnostics = node.create_publisher(types.diagnostic_array, "/diagnostics", 10)
-    speed = node.create_publisher(types.float64, "/armguard/speed_override", 1)
+    diagnostics = node.create_publisher(answers.diagnostics, "/diagnostics", 10)
+    speed = node.create_publisher(answers.speed, "/armguard/speed_override", 1)
 
     def tick() -> None:
         now = node.get_clock().now()
         verdict = cell.step(now.nanoseconds)
-        speed.publish(make_speed_override(types, verdict))
-        diagnostics.publish(make_diagnostics(types, now.to_msg(), robot.name, verdict))
+        speed.publish(answers.make_speed(read_speed_override(verdict)))
+        diagnostics.publish(answers.make_diagnostics(now.to_msg(), describe_verdict(verdict)))
 
     def take(topic: str) -> Callable[[Any], None]:
         return lambda message: cell.take_obstacles(topic, message)
@@ -150,7 +121,7 @@ def main(arguments: tuple[str, ...] = ()) -> None:
     except KeyboardInterrupt:
         pass
     finally:
-        speed.publish(make_speed_override(types, None))
+        speed.publish(answers.make_speed(0.0))
         node.destroy_node()
 
 

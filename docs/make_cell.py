@@ -61,11 +61,13 @@ TYPES = {
     "tuple[Positive, Positive, Positive]": "3 numbers above 0",
     "Name": "string",
     "list[Name]": "strings",
+    "list[list[float]]": "rows of numbers",
     "list[IgnoreEntry]": "rows of 2 or 3 strings",
     "list[IgnoreEntry | IgnoreTable]": "rows of 2 or 3 strings, or tables",
     "Annotated[list[Vector], Meta(min_length=4, max_length=8)]": "4 to 8 rows of 3 numbers",
     "Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]": "string",
     "Annotated[list[Right], Meta(min_length=1)]": "strings",
+    "Annotated[int, Meta(ge=0, le=MOST_DOMAINS)]": f"integer, 0 to {schema.MOST_DOMAINS}",
     "bool": "boolean",
     "OperatingTable | Literal['published']": 'table, or `"published"`',
     "dict[Name, str | PatternTable]": "table of strings or tables",
@@ -98,6 +100,7 @@ WORDS = {
     "CellTables.clouds": "none are taken",
     "OperatingTable.velocity": "the hardware's",
     "OperatingTable.acceleration": "the hardware's",
+    "Ros2Table.domain": "as `ROS_DOMAIN_ID` says",
     "SourceTable.timeout": "`thresholds.source_timeout`",
     "ShieldTable.chunk_period": "one period of the shield",
     "EntranceTable.speed": "as `[bounds]` has it",
@@ -161,7 +164,7 @@ def name_type(annotation: str) -> str:
         return " or ".join(f'`"{choice}"`' for choice in re.findall(r"'(\w+)'", kind))
     if kind in TYPES:
         return TYPES[kind]
-    if re.fullmatch(r"\w+Table|SeparationRule", kind):
+    if re.fullmatch(r"\w+Table( \| \w+Table)*|SeparationRule", kind):
         return "table"
     if re.fullmatch(r"(dict\[Name, |list\[)\w+Table\]", kind):
         return "tables"
@@ -227,6 +230,9 @@ def write_table(table: type) -> str:
         heading = "ignore = [{ … }]"
     words = words[0].upper() + words[1:]
     heading = heading if heading == "Keys at the top" else f"`{heading}`"
+    tag = table.__struct_config__.tag
+    if tag is not None:
+        heading += f', `name = "{tag}"`'
     rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
     listed = {}
     for owner in (one.__name__ for one in reversed(table.__mro__) if one not in RECORDS):

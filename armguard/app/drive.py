@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import os
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 from msgspec import UNSET
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import Cell
-from armguard.app.cell.schema import DriverTable, make_error
+from armguard.app.cell.schema import MOST_DOMAINS, FrankaTable, Ros2Table, UrTable, make_error
 from armguard.app.processes import COMPLAINT, complain, noted_interrupts
 from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
-from armguard.drivers.options import DriveOptions
+from armguard.bridges.messages import ObstacleReader
+from armguard.bridges.ros2 import FrameErrors
+from armguard.drivers.options import DriveOptions, FrankaOptions, ObstacleTopic, Ros2Options
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
+from armguard.robot.operating_limits import LimitsInForce
+from armguard.robot.robot import Robot
 from armguard.streams.addresses import check_address
 from armguard.streams.keys import Keys
 
@@ -58,35 +64,22 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         ArmguardError: The cell cannot be read, has no driver, or does not fit its robot.
     """
     cell = Cell.load(wishes.cell, wishes.arm)
-    table = cell.tables.robot.driver
-    if table is None:
-        raise make_error(
-            cell.file,
-            "robot.driver",
-            "is missing",
-            '{ name = "ur", host = "…", model = "UR5e" }',
-        )
-    fastest = 500.0
-    if not table.rate <= fastest:
-        raise make_error(
-            cell.file, "robot.driver.rate", f"is {table.rate}", f"{fastest:g} Hz at most"
-        )
+    table = cell.find_driver()
     key_files = read_key_files(wishes.key, wishes.server_key)
     if key_files is not None:
         Keys.load(*key_files)
-    for address in (wishes.joints, wishes.verdicts):
+    for address in (wishes.joints, wishes.verdicts, wishes.obstacles):
         check_address(address, has_keys=key_files is not None)
     robot = cell.make_robot()
-    names = _name_joints(table, robot.joints, cell.file)
     payload = cell.tables.robot.payload
+    if isinstance(table, UrTable):
+        own = _describe_ur(table, robot, cell)
+    elif isinstance(table, FrankaTable):
+        own = _describe_franka(table, robot, cell)
+    else:
+        own = _describe_ros2(table, robot, cell, wishes)
     return DriveOptions(
-        driver=table.name,
-        host=table.host,
-        model=table.model,
-        rate=table.rate,
-        names=names,
         timeout=table.timeout,
-        speed=table.speed,
         stop_within=table.stop_within,
         deceleration=table.deceleration,
         payload=robot.brakes.most_payload if payload is UNSET else payload,
@@ -96,22 +89,153 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         follows=cell.tables.shield is not None,
         measure=wishes.stops if wishes.measure else 0,
         key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
+        is_first=not wishes.again,
+        **own,
     )
 
 
-def _name_joints(table: DriverTable, watched: tuple[str, ...], file: str) -> tuple[str, ...]:
-    """Names of the robot's joints in the controller's order; the monitor watches all of them."""
-    from armguard.drivers.ur import JOINTS
-
-    names = JOINTS if table.joints is None else tuple(table.joints)
-    if sorted(names) != sorted(watched):
+def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
+    """What the driver of Universal Robots alone has to know."""
+    fastest = 500.0
+    if not table.rate <= fastest:
         raise make_error(
-            file,
-            "robot.driver.joints",
-            f"has {', '.join(names)}, and the monitor watches {', '.join(watched)}",
-            "the same joints, from the base on",
+            cell.file, "robot.driver.rate", f"is {table.rate}", f"{fastest:g} Hz at most"
         )
-    return names
+    return {
+        "driver": "ur",
+        "host": table.host,
+        "model": table.model,
+        "rate": table.rate,
+        "names": _name_joints(table, robot.joints, cell.file),
+        "speed": table.speed,
+    }
+
+
+def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, Any]:
+    """What the driver of Franka Robotics alone has to know."""
+    names = _name_joints(table, robot.joints, cell.file)
+    order = [robot.joints.index(name) for name in names]
+    settings = cell.monitor_settings(robot)
+    limits = LimitsInForce(robot, settings["operating"])
+    contact_limits = settings["contact_limits"]
+    forces = [one.force for one in contact_limits.by_region.values()] if contact_limits else []
+    franka = FrankaOptions(
+        waypoints=_check_waypoints(table, robot, order, cell),
+        velocities=tuple(limits.operating_velocity[order].tolist()),
+        accelerations=tuple(limits.operating_acceleration[order].tolist()),
+        contact_force=min(filter(None, forces), default=None),
+    )
+    return {
+        "driver": "franka",
+        "host": table.host,
+        "model": table.model,
+        "rate": 1000.0,
+        "names": names,
+        "speed": table.speed,
+        "franka": franka,
+    }
+
+
+def _check_waypoints(
+    table: FrankaTable, robot: Robot, order: list[int], cell: Cell
+) -> tuple[tuple[float, ...], ...]:
+    """The waypoints of a robot that no shield moves."""
+    waypoints = tuple(map(tuple, table.waypoints))
+    key, is_shielded = "robot.driver.waypoints", cell.tables.shield is not None
+    if waypoints and is_shielded:
+        raise make_error(cell.file, key, "is there beside [shield]", "one of them")
+    if len(set(waypoints)) < 2 and not is_shielded:
+        raise make_error(cell.file, key, f"has {len(set(waypoints))}", "two different ones")
+    lower, upper = robot.lower_position_limit[order], robot.upper_position_limit[order]
+    for number, waypoint in enumerate(waypoints):
+        q = np.array(waypoint)
+        if q.shape != lower.shape or not ((lower <= q) & (q <= upper)).all():
+            raise make_error(
+                cell.file,
+                f"{key}[{number}]",
+                f"is {waypoint}",
+                "a position of each joint, from the base on, within its limits",
+            )
+    return waypoints
+
+
+def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive) -> dict[str, Any]:
+    """What the driver of a ROS 2 graph alone has to know."""
+    follows = cell.tables.shield is not None
+    if follows and table.trajectory is None:
+        raise make_error(
+            cell.file, "robot.driver.trajectory", "is missing beside [shield]", "a topic"
+        )
+    for source, topic in table.obstacles.items():
+        key = f"robot.driver.obstacles.{source}"
+        if source not in cell.sources:
+            raise make_error(cell.file, key, "is no source", f"[sources.{source}] beside it")
+        try:
+            ObstacleReader(topic.topic, topic.type, topic.radius)
+        except ArmguardError as error:
+            raise make_error(cell.file, key, error.problem, error.expected or "a radius") from None
+    domain = _read_domain(table)
+    ros2 = Ros2Options(
+        domain=domain,
+        joint_states=table.joint_states,
+        speed_override=table.speed_override,
+        trajectory=table.trajectory or "",
+        obstacles={
+            source: ObstacleTopic(
+                topic=one.topic, kind=one.type, radius=one.radius, snapshot=one.snapshot
+            )
+            for source, one in table.obstacles.items()
+        },
+        obstacle_address=wishes.obstacles,
+        frames=tuple(cell.frames),
+        frame_errors={
+            pattern: FrameErrors(**msgspec.structs.asdict(one))
+            for pattern, one in table.frames.items()
+        },
+        acceleration_limit=tuple(robot.acceleration_limit.tolist()),
+        position_error=tuple(robot.position_error.tolist()),
+        velocity_error=tuple(robot.velocity_error.tolist()),
+        is_continuous=tuple(np.isinf(robot.upper_position_limit).tolist()),
+    )
+    return {
+        "driver": "ros2",
+        "host": f"domain {domain}",
+        "model": "ROS 2",
+        "rate": 0.0,
+        "names": robot.joints,
+        "speed": 1.0,
+        "ros2": ros2,
+    }
+
+
+def _read_domain(table: Ros2Table) -> int:
+    """The domain of the file, or that of the environment, as ROS 2 takes it."""
+    if table.domain is not None:
+        return table.domain
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isdecimal() and int(text) <= MOST_DOMAINS):
+        raise ArmguardError("ROS_DOMAIN_ID", f"is {text!r}", expected=f"0 to {MOST_DOMAINS}")
+    return int(text)
+
+
+def _name_joints(
+    table: UrTable | FrankaTable, watched: tuple[str, ...], file: str
+) -> tuple[str, ...]:
+    """Names of the robot's joints in the controller's order; the monitor watches all of them."""
+    from armguard.drivers import franka, ur
+
+    known = franka.JOINTS if isinstance(table, FrankaTable) else (ur.JOINTS,)
+    if table.joints is not None:
+        known = (tuple(table.joints),)
+    for names in known:
+        if sorted(names) == sorted(watched):
+            return names
+    raise make_error(
+        file,
+        "robot.driver.joints",
+        f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
+        "the same joints, from the base on",
+    )
 
 
 def _summarise(report: Report) -> str:
@@ -122,5 +246,5 @@ def _summarise(report: Report) -> str:
         f"{counts.states} joint states by {report.connections} {connections}, longest gap "
         f"{1e3 * counts.longest_gap:.1f} ms; {counts.stops} stops, {counts.silences} of them "
         f"without a valid verdict, ordered within p99 {1e3 * counts.obeyed_p99:.1f} ms; "
-        f"{counts.hard_stops} ended the program"
+        f"{counts.hard_stops} by another way than the usual one"
     )

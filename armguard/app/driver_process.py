@@ -60,10 +60,11 @@ class DriverProcess:
         """Have it started, once the monitor listens. Never blocks.
 
         Args:
-            addresses: Of "joints" and "verdicts", as they are bound.
+            addresses: Of "joints", "obstacles" and "verdicts", as they are bound; "-" is standard
+                input, which the driver cannot reach.
         """
-        for name in ("joints", "verdicts"):
-            self._words += [f"--{name}", addresses[name]]
+        for name in ("joints", "obstacles", "verdicts"):
+            self._words += [f"--{name}", addresses[name]] if addresses[name] != "-" else []
         self._is_told.set()
 
     def _look_after(self) -> None:
@@ -83,6 +84,8 @@ class DriverProcess:
                 self._tell(f"{end}, and is not started again: no joint states come")
                 return
             self._tell(f"{end}, and is started again")
+            if "--again" not in self._words:
+                self._words.append("--again")
             self._is_ending.wait(RESTART_DELAY)
 
     def _wait(self, process: subprocess.Popen[bytes]) -> int:

@@ -5,9 +5,16 @@ own, `armguard.bridges.depth` and `armguard.bridges.skeletons`, which a camera's
 """
 
 from armguard.bridges.messages import JointStateReader, ObstacleReader
-from armguard.bridges.ros2 import FrameErrors, Ros2Cell, describe_verdict, read_speed_override
+from armguard.bridges.ros2 import (
+    AnswerMaker,
+    FrameErrors,
+    Ros2Cell,
+    describe_verdict,
+    read_speed_override,
+)
 
 __all__ = [
+    "AnswerMaker",
     "FrameErrors",
     "JointStateReader",
     "ObstacleReader",

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio
@@ -21,7 +22,6 @@ from numpy.typing import NDArray
 from armguard.exceptions import ArmguardError
 from armguard.messages.batch import ObstacleBatch
 from armguard.obstacles.obstacles import WORLD, Obstacles
-from armguard.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -280,6 +280,35 @@ def remove_known(obstacles: Obstacles, gone: list[str], source: str) -> None:
         obstacles.remove(known, source=source)
 
 
+class WatchedJoints(Protocol):
+    """What a reader has to know of joints; a `Robot` has it. Shape (nv,) each."""
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names, in the order of the rest."""
+        ...
+
+    @property
+    def acceleration_limit(self) -> Array:
+        """In [rad/s²] or [m/s²]."""
+        ...
+
+    @property
+    def position_error(self) -> Array:
+        """In [rad] or [m]."""
+        ...
+
+    @property
+    def velocity_error(self) -> Array:
+        """In [rad/s] or [m/s]."""
+        ...
+
+    @property
+    def upper_position_limit(self) -> Array:
+        """In [rad] or [m]; inf where a joint turns without end."""
+        ...
+
+
 class JointStateReader:
     """Reads joint states in the order of the watched joints, and differentiates if need be.
 
@@ -294,7 +323,7 @@ class JointStateReader:
         robot: Whose joints they are.
     """
 
-    def __init__(self, topic: str, robot: Robot) -> None:
+    def __init__(self, topic: str, robot: WatchedJoints) -> None:
         self._offender = f"topic {topic!r}"
         self._robot = robot
         accel, error = robot.acceleration_limit, robot.position_error

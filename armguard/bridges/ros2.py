@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ from armguard.bridges.messages import (
     split_source,
 )
 from armguard.exceptions import ArmguardError
+from armguard.messages.batch import ObstacleBatch
 from armguard.monitor.monitor import Monitor
 from armguard.obstacles.obstacles import WORLD
 from armguard.verdict import Level, Verdict
@@ -43,6 +44,9 @@ OLDEST_TRANSFORM = 0.5
 
 LENGTH_TOLERANCE = 1e-3
 """How far the length of a transform's quaternion may be from 1."""
+
+DIAGNOSTICS, SPEED = "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/msg/Float64"
+"""Types of what goes out."""
 
 _KEPT = 1000
 """Transforms of a moving frame that are kept, at most."""
@@ -107,6 +111,55 @@ class Transforms:
         if stamp is None or known is None or (known.parent, known.stands) != (parent, False):
             known = self._known[child] = _Frame(parent, stamp is None, deque(maxlen=_KEPT))
         known.past.append((stamp or 0.0, *pose))
+
+    def take_message(
+        self, message: Any, read_stamp: Callable[[Any], float] | None
+    ) -> list[ArmguardError]:
+        """Take a TFMessage; what was refused of it, and why.
+
+        Of a transform whose quaternion is no rotation nothing is taken.
+
+        Args:
+            message: Of `/tf` or `/tf_static`.
+            read_stamp: The time of a header, in [s]; None: these transforms always hold.
+        """
+        refused = []
+        for one in message.transforms:
+            child, parent = (name.strip("/") for name in (one.child_frame_id, one.header.frame_id))
+            length = read_length(one.transform.rotation)
+            try:
+                if not abs(length - 1.0) <= LENGTH_TOLERANCE:
+                    raise ArmguardError(
+                        f"frame {child!r}",
+                        f"has a quaternion of length {length:.6g}",
+                        expected=f"1, within {LENGTH_TOLERANCE:g}",
+                    )
+                stamp = None if read_stamp is None else read_stamp(one.header)
+            except ArmguardError as error:
+                refused.append(error)
+                continue
+            pose = read_pose(one.transform.translation, one.transform.rotation)
+            self.take(child, parent, pose, stamp)
+        return refused
+
+    def place(
+        self, shown: Shown, source: str, stamp: float, goals: set[str], *, snapshot: bool
+    ) -> Iterator[ObstacleBatch]:
+        """What a message shows, in batches in a frame that is known otherwise.
+
+        Args:
+            shown: Of one frame.
+            source: Who saw it.
+            stamp: When, in [s].
+            goals: Frames that are known otherwise.
+            snapshot: Whether it is all that there is.
+
+        Raises:
+            ArmguardError: As `lead` does.
+        """
+        for batch in make_batches(shown, source, stamp, snapshot=snapshot):
+            points, goal, error = self.lead(batch.position, batch.frame, stamp, goals)
+            yield batch._replace(position=points, position_error=error, frame=goal)
 
     def lead(
         self, points: Array, frame: str, stamp: float, goals: set[str]
@@ -234,26 +287,10 @@ class Ros2Cell:
             self._state = (stamp, *state)
 
     def take_transforms(self, message: Any, *, is_static: bool) -> None:
-        """Take a TFMessage, of `/tf` or `/tf_static`.
-
-        Of a transform whose quaternion is no rotation nothing is taken.
-        """
-        for one in message.transforms:
-            child, parent = (name.strip("/") for name in (one.child_frame_id, one.header.frame_id))
-            length = read_length(one.transform.rotation)
-            try:
-                if not abs(length - 1.0) <= LENGTH_TOLERANCE:
-                    raise ArmguardError(
-                        f"frame {child!r}",
-                        f"has a quaternion of length {length:.6g}",
-                        expected=f"1, within {LENGTH_TOLERANCE:g}",
-                    )
-                stamp = None if is_static else self._read_stamp(one.header)
-            except ArmguardError as error:
-                self._refuse(error)
-                continue
-            pose = read_pose(one.transform.translation, one.transform.rotation)
-            self._transforms.take(child, parent, pose, stamp)
+        """Take a TFMessage, of `/tf` or `/tf_static`."""
+        read_stamp = None if is_static else self._read_stamp
+        for error in self._transforms.take_message(message, read_stamp):
+            self._refuse(error)
 
     def take_obstacles(self, topic: str, message: Any) -> None:
         """Take a message of one of the topics of obstacles."""
@@ -283,18 +320,13 @@ class Ros2Cell:
 
     def _update(self, source: str, shown: Shown) -> None:
         stamp = self._read_stamp(shown.header)
-        for batch in make_batches(shown, source, stamp, snapshot=self._snapshot):
-            points, goal, error = self._transforms.lead(
-                batch.position, batch.frame, stamp, self._goals
-            )
-            batch = batch._replace(position=points, position_error=error, frame=goal)
+        for batch in self._transforms.place(
+            shown, source, stamp, self._goals, snapshot=self._snapshot
+        ):
             self._monitor.obstacles.update(*batch)
 
     def _read_stamp(self, header: Any) -> float:
-        nanoseconds = read_nanoseconds(header)
-        if nanoseconds == 0:
-            raise ArmguardError("stamp", "is 0, which is no time", expected="that of the sample")
-        return self._to_seconds(nanoseconds)
+        return self._to_seconds(read_stamp(header))
 
     def _to_seconds(self, nanoseconds: int) -> float:
         if self._start is None:
@@ -306,6 +338,18 @@ class Ros2Cell:
         self.last_refusal = str(error)
 
 
+def read_stamp(header: Any) -> int:
+    """When it was measured, in [ns] of the clock of the graph.
+
+    Raises:
+        ArmguardError: The stamp is 0.
+    """
+    nanoseconds = read_nanoseconds(header)
+    if nanoseconds == 0:
+        raise ArmguardError("stamp", "is 0, which is no time", expected="that of the sample")
+    return nanoseconds
+
+
 class Diagnostic(NamedTuple):
     """What a `diagnostic_msgs/DiagnosticStatus` says of a verdict."""
 
@@ -315,14 +359,17 @@ class Diagnostic(NamedTuple):
     values: dict[str, str]
 
 
-def describe_verdict(verdict: Verdict | None) -> Diagnostic:
+def describe_verdict(
+    verdict: Verdict | None, problem: str = "no joint state has arrived yet"
+) -> Diagnostic:
     """A verdict as a diagnostic: CLEAR and AWARE are OK, SLOW is WARN, STOP is ERROR.
 
     Args:
         verdict: None: there is none, which is a STOP.
+        problem: Why there is none.
     """
     if verdict is None:
-        return Diagnostic(2, "STOP: no joint state has arrived yet", {"speed_scale": "0"})
+        return Diagnostic(2, f"STOP: {problem}", {"speed_scale": "0"})
     level = {Level.STOP: 2, Level.SLOW: 1}.get(verdict.level, 0)
     why = f": {verdict.reasons[0]}" if verdict.reasons else ""
     values = {
@@ -348,3 +395,40 @@ def read_speed_override(verdict: Verdict | None) -> float:
         return 0.0
     scale = float(verdict.speed_scale)
     return scale if 0.0 <= scale <= 1.0 else 0.0
+
+
+class AnswerMaker:
+    """Makes the messages that go out, of whichever library's types.
+
+    Args:
+        find_type: The class of messages of a type; it takes the fields as keywords.
+        to_byte: What makes a `byte` of a number.
+        robot: Name of the robot.
+    """
+
+    def __init__(
+        self, find_type: Callable[[str], Any], to_byte: Callable[[int], Any], robot: str
+    ) -> None:
+        self.diagnostics = find_type(DIAGNOSTICS)
+        self.speed = find_type(SPEED)
+        self._status = find_type("diagnostic_msgs/msg/DiagnosticStatus")
+        self._value = find_type("diagnostic_msgs/msg/KeyValue")
+        self._header = find_type("std_msgs/msg/Header")
+        self._to_byte = to_byte
+        self._robot = robot
+
+    def make_diagnostics(self, stamp: Any, diagnostic: Diagnostic) -> Any:
+        """What `describe_verdict` says, as a DiagnosticArray of a `builtin_interfaces/Time`."""
+        level, message, values = diagnostic
+        status = self._status(
+            level=self._to_byte(level),
+            name="armguard",
+            message=message,
+            hardware_id=self._robot,
+            values=[self._value(key=key, value=value) for key, value in values.items()],
+        )
+        return self.diagnostics(header=self._header(stamp=stamp, frame_id=""), status=[status])
+
+    def make_speed(self, scale: float) -> Any:
+        """How fast the arm may go on, from 0 to 1, as a Float64."""
+        return self.speed(data=scale)

@@ -12,11 +12,12 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from typing import NoReturn
 
 import msgspec
 
-from armguard.drivers.arm import Arm, ArmLostError, WrongArmError
+from armguard.drivers.arm import Arm, ArmLostError, MotionArm, ProgramArm, WrongArmError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import CONNECTING, MEASURED, WRONG, Link
 from armguard.drivers.loop import DriveLoop
@@ -24,8 +25,10 @@ from armguard.drivers.measurement import Measurement, describe
 from armguard.drivers.moment import Conduct
 from armguard.drivers.motion import MotionConduct
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.override import OverrideConduct
 from armguard.drivers.program import ProgramConduct
-from armguard.drivers.ur_lines import stop_by_script
+from armguard.drivers.stop_alone import stop_alone
+from armguard.drivers.trajectory import TrajectoryConduct
 from armguard.streams.nodes import Publisher, VerdictReader
 
 _KEPT: list[Arm] = []
@@ -36,6 +39,42 @@ CONNECT_TIMEOUT = 15
 """How long connecting may take, in whole seconds; then the system ends this process."""
 
 
+def connect(
+    options: DriveOptions, latencies: Latencies, link: Link, measurement: Measurement | None
+) -> tuple[Arm, Conduct]:
+    """Connect to the robot; it, and what tells it what to do.
+
+    The module of the robot, and the library that it needs, are loaded here.
+
+    Raises:
+        ArmLostError: It cannot be connected.
+        WrongArmError: Another arm answers.
+    """
+    told = options, latencies, link
+    if options.driver == "ros2":
+        from armguard.drivers.ros2 import Ros2Arm
+
+        ros2 = Ros2Arm(options, link.tell)
+        if options.follows:
+            return ros2, TrajectoryConduct(ros2, *told)
+        return ros2, OverrideConduct(ros2, *told, measurement)
+    follow: Callable[[DriveOptions], MotionArm]
+    run: Callable[[DriveOptions], ProgramArm]
+    if options.driver == "franka":
+        from armguard.drivers.franka import FrankaMotionArm, FrankaProgramArm
+
+        follow, run = FrankaMotionArm, FrankaProgramArm
+    else:
+        from armguard.drivers.ur import UrMotionArm, UrProgramArm
+
+        follow, run = UrMotionArm, UrProgramArm
+    if options.follows:
+        moved = follow(options)
+        return moved, MotionConduct(moved, *told)
+    running = run(options)
+    return running, ProgramConduct(running, *told, measurement)
+
+
 def drive(options: DriveOptions, link: Link) -> None:
     """Connect, and drive until a measurement is done, or for ever; the arm is left at rest.
 
@@ -44,9 +83,6 @@ def drive(options: DriveOptions, link: Link) -> None:
         WrongArmError: Another arm answers.
         KeyboardInterrupt: A signal ends this process, or the process that watches it has ended.
     """
-    # The module of the robot, and the library that it needs, are loaded here.
-    from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
-
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
     measurement = Measurement(options.measure) if options.measure else None
@@ -57,14 +93,7 @@ def drive(options: DriveOptions, link: Link) -> None:
         # The library may wait without end, and lets no other thread of Python run meanwhile. Each
         # read of the robot sets this timer anew.
         signal.alarm(CONNECT_TIMEOUT)
-        arm: UrArm
-        conduct: Conduct
-        if options.follows:
-            arm = moved = UrMotionArm(options)
-            conduct = MotionConduct(moved, options, latencies, link)
-        else:
-            arm = run = UrProgramArm(options)
-            conduct = ProgramConduct(run, options, latencies, link, measurement)
+        arm, conduct = connect(options, latencies, link, measurement)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
         loop = DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement)
@@ -88,9 +117,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
         drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
-        is_told = stop_by_script(options.host, options.deceleration)
-        unheard = "" if is_told else "; no script reaches it, so see that it stands"
-        link.tell(f"{options.model} at {options.host}: {error}{unheard}")
+        link.tell(f"{options.model} at {options.host}: {error}; {stop_alone(options)}")
         code = LOST
     except WrongArmError as error:
         link.send(WRONG, str(error))
@@ -98,7 +125,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
     except KeyboardInterrupt:
         pass
     except BaseException:
-        stop_by_script(options.host, options.deceleration)
+        stop_alone(options)
         traceback.print_exc()
         sys.stderr.flush()
         code = LOST

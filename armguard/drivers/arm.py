@@ -5,6 +5,11 @@ from __future__ import annotations
 import enum
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.verdict import Verdict
+
 LEAST_SCALE = 0.01
 """Fraction of its speed at which a program runs for a stop, until it is paused: a speed slider at 0
 makes real controllers stop protectively."""
@@ -47,6 +52,9 @@ class ArmState(NamedTuple):
 class Arm(Protocol):
     """A connection to a robot. Whatever cannot be done raises `ArmLostError`, and nothing waits."""
 
+    comes_back: bool
+    """Whether a robot that was silent can be heard again by the same connection."""
+
     def read(self) -> ArmState | None:
         """The newest state; None where there is none that was not read before."""
         ...
@@ -76,6 +84,22 @@ class ProgramArm(Arm, Protocol):
         ...
 
 
+class OverrideArm(Arm, Protocol):
+    """A robot that multiplies its speed by a number that is sent to it, or by 0 without one."""
+
+    def set_speed(self, scale: float) -> None:
+        """Go on at this fraction of the speed, from 0 to 1."""
+        ...
+
+    def report(self, verdict: Verdict | None, problem: str) -> None:
+        """Show a verdict to people and programs; where there is none, why the arm stands."""
+        ...
+
+    def stop(self) -> bool:
+        """Slow down to rest by another way; whether there is one."""
+        ...
+
+
 class MotionArm(Arm, Protocol):
     """A robot that follows joint positions."""
 
@@ -94,4 +118,29 @@ class MotionArm(Arm, Protocol):
 
     def brake(self) -> None:
         """Slow down to rest by the robot's own means."""
+        ...
+
+
+class TrajectoryArm(MotionArm, Protocol):
+    """A robot that follows whole trajectories, each in place of the one before."""
+
+    def send(
+        self,
+        stamp: float,
+        times: NDArray[np.float64],
+        q: NDArray[np.float64],
+        v: NDArray[np.float64],
+    ) -> None:
+        """Be at these positions with these velocities at these times, and rest at the end.
+
+        Args:
+            stamp: From which the times count, in [s] of the monotonic clock.
+            times: In [s], rising. Shape (k,).
+            q: In [rad]. Shape (k, nv).
+            v: In [rad/s]. Shape (k, nv).
+        """
+        ...
+
+    def report(self, verdict: Verdict | None, problem: str) -> None:
+        """Show a verdict to people and programs; where there is none, why the arm stands."""
         ...

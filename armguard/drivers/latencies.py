@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 
 import numpy as np
 
 from armguard.drivers.arm import ArmState
 from armguard.drivers.link import Counts
+from armguard.drivers.obedience import Order
 from armguard.verdict import Verdict
 
 INTERVAL = 1.0
@@ -37,6 +39,13 @@ class Latencies:
         if gap > self.counts.longest_gap:
             self.counts.longest_gap = gap
         self._published = stamp
+
+    def add_order(self, order: Order, verdict: Verdict | None) -> None:
+        """Count a stop that has just been ordered, if a verdict or its end is the cause."""
+        if verdict is not None and order.cause in ("STOP", "no valid verdict"):
+            was_silent = order.cause != "STOP"
+            since = verdict.valid_until if was_silent else verdict.stamp
+            self.add_stop(time.monotonic() - since, was_silent=was_silent)
 
     def add_stop(self, duration: float, *, was_silent: bool) -> None:
         """Count a stop that was ordered `duration` [s] after the tick, or the verdict's end."""
@@ -74,7 +83,7 @@ class Latencies:
             words.append(f"{came} commands, {counts.missed} in all not taken up")
         words.append("no verdict yet" if verdict is None else verdict.level.name)
         if state is not None:
-            words.append(f"slider {state.scale:.0%}, program {state.program.value}")
+            words.append(f"speed {state.scale:.0%}, program {state.program.value}")
         self._ages = []
         self._verdicts_before, self._silences_before = counts.verdicts, counts.silences
         self._commands_before = counts.commands

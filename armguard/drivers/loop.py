@@ -1,7 +1,8 @@
 """The loop of a driver: read verdicts and commands, publish joint states, tell the arm what to do.
 
-One thread. It wakes for each verdict, and each millisecond without one, so that an order is given
-as soon as a verdict has arrived or has expired.
+One thread. A new state is answered at once, by the newest verdict. Without one the loop wakes for
+each verdict, and each millisecond, so that an order is given as soon as a verdict has arrived or
+has expired.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ class DriveLoop:
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
+        self._is_silent = False
 
     def run(self) -> None:
         """Drive until the measurement is done, if there is one.
@@ -76,23 +78,26 @@ class DriveLoop:
             self.turn()
 
     def turn(self) -> None:
-        """Wait for a verdict for a moment, and do what is to be done.
+        """Read the arm, or wait for a verdict for a moment, and do what is to be done.
 
         Raises:
             ArmLostError: The arm cannot be driven any more.
         """
-        verdict = self._reader.latest(WAIT)
+        state = self._arm.read()
+        verdict = self._reader.latest(WAIT if state is None else 0.0)
         now = time.monotonic()
         self._latencies.counts.verdicts += verdict is not self._verdict
         self._verdict = verdict
-        state = self._arm.read()
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at
-        if not silence <= self._options.longest_silence:
+        if not (self._arm.comes_back or silence <= self._options.longest_silence):
             raise ArmLostError(f"the robot has sent no state for {silence:.2g} s")
         if self._state is not None:
             is_silent = not silence <= self._options.timeout
+            if is_silent != self._is_silent:
+                self._is_silent = is_silent
+                self._link.tell("the robot is silent" if is_silent else "the robot is heard again")
             hindrance = self._trouble or ("the robot is silent" if is_silent else "")
             self._conduct.act(
                 Moment(

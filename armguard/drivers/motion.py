@@ -149,7 +149,7 @@ class MotionConduct:
         if command.joins(here, speeds, moment.now):
             if self._followed is None:
                 self._offset = np.zeros(len(order))
-            self._followed, self._order = command, order
+            self._take_up(command, order, moment)
         elif not self._join_at_rest(command, order, here, moment):
             counts.missed += 1
 
@@ -175,8 +175,12 @@ class MotionConduct:
         if followed is None:
             self._offset = np.zeros(len(order))
         self._offset, self._approached_at = self._offset + off[order], moment.now
-        self._followed, self._order = command, order
+        self._take_up(command, order, moment)
         return True
+
+    def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
+        """Follow a command from now on, with the offset that the arm has."""
+        self._followed, self._order = command, order
 
     def _complain(self, problem: str) -> None:
         """Tell of a problem once."""

@@ -6,23 +6,81 @@ from pathlib import Path
 
 import msgspec
 
+from armguard.bridges.ros2 import FrameErrors
 from armguard.streams.keys import Keys
 
 WRONG_ARM, LOST = 2, 3
 """Exit codes: another try is of no use; the robot was lost, and was stopped if it could be."""
+
+LONGEST_HANG = 2.0
+"""Silence after which the process of a robot that stops by itself is ended, in [s]."""
+
+
+class ObstacleTopic(msgspec.Struct, frozen=True, kw_only=True):
+    """A topic of a ROS 2 graph that shows obstacles."""
+
+    topic: str
+    kind: str
+    """Type of its messages."""
+    radius: float | None
+    """Of what comes without sizes, in [m]."""
+    snapshot: bool
+    """Whether each message shows all that its source sees."""
+
+
+class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
+    """What else the driver of a ROS 2 graph has to know."""
+
+    domain: int
+    joint_states: str
+    """Topic of the joint states."""
+    speed_override: str
+    """Topic to send the speed to."""
+    trajectory: str
+    """Topic to send trajectories to; empty: there is none."""
+    obstacles: dict[str, ObstacleTopic]
+    """By source."""
+    obstacle_address: str
+    """Address to publish obstacles to."""
+    frames: tuple[str, ...]
+    """That the monitor knows."""
+    frame_errors: dict[str, FrameErrors]
+    """Of others, by name or pattern."""
+    acceleration_limit: tuple[float, ...]
+    """Of the joints, in [rad/s²]."""
+    position_error: tuple[float, ...]
+    """In [rad]."""
+    velocity_error: tuple[float, ...]
+    """In [rad/s]."""
+    is_continuous: tuple[bool, ...]
+    """Whether a joint turns without end."""
+
+
+class FrankaOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """What else the driver of a Franka has to know."""
+
+    waypoints: tuple[tuple[float, ...], ...]
+    """Positions of the joints between which the driver moves it, in [rad]; empty behind a
+    shield."""
+    velocities: tuple[float, ...]
+    """What the monitor takes the joints to keep to, in [rad/s]."""
+    accelerations: tuple[float, ...]
+    """With which they may speed up, in [rad/s²]."""
+    contact_force: float | None
+    """The least force that a contact limit of the cell permits, in [N]; None: none states one."""
 
 
 class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a driver's process has to know."""
 
     driver: str
-    """Which robot's: "ur"."""
+    """Which robot's: "ur", "franka" or "ros2"."""
     host: str
-    """Name or address of the robot's controller."""
+    """Name or address of the robot's controller, or which domain it is in."""
     model: str
-    """Which robot it is to be, such as "UR5e"."""
+    """Which robot it is to be, such as "UR5e" or "FR3"."""
     rate: float
-    """Joint states a second, in [Hz]."""
+    """Joint states a second, in [Hz]; 0: as many as come."""
     names: tuple[str, ...]
     """Of the joints, in the robot's own order."""
     timeout: float
@@ -48,6 +106,13 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     key_files: tuple[str, str] | None = None
     """Where the monitor asks for keys: the secret file of a client that may send joint states and
     read verdicts, and the monitor's public file."""
+    ros2: Ros2Options | None = None
+    """Of the driver "ros2" alone."""
+    franka: FrankaOptions | None = None
+    """Of the driver "franka" alone."""
+    is_first: bool = True
+    """Whether a person has just started the driver; otherwise this takes the place of a process or
+    a connection that was lost."""
     parent: int = 0
     """The process that started this one; this one ends with it."""
     link: int = -1
@@ -55,8 +120,12 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def longest_silence(self) -> float:
-        """Silence of the robot, or of this process, after which the arm is stopped, in [s]."""
-        return 3.0 * self.timeout
+        """Silence of the robot, or of this process, after which the arm is stopped, in [s].
+
+        In a ROS 2 graph the robot stops by itself where this process is silent, so that one may
+        take longer before another is started.
+        """
+        return 3.0 * self.timeout if self.ros2 is None else LONGEST_HANG
 
     def load_keys(self) -> Keys | None:
         """The keys of the client; None where there are none."""

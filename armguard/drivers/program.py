@@ -7,7 +7,6 @@ that somebody starts, is set right at once.
 from __future__ import annotations
 
 import math
-import time
 
 from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program, ProgramArm
 from armguard.drivers.latencies import Latencies
@@ -90,17 +89,13 @@ class ProgramConduct:
             self._restarts = self._obedience.restarts
             if self._is_pausing:
                 self._link.tell(
-                    "the monitor was started anew: the program stays paused until it is started "
-                    "on the robot"
+                    "the monitor was started anew: the program stays paused until a person "
+                    "starts it"
                 )
             self._is_pausing = False
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
             self._ordered_at = self._agreed_at = moment.now
-            verdict = moment.verdict
-            if verdict is not None and order.cause in ("STOP", "no valid verdict"):
-                was_silent = order.cause != "STOP"
-                since = verdict.valid_until if was_silent else verdict.stamp
-                self._latencies.add_stop(time.monotonic() - since, was_silent=was_silent)
+            self._latencies.add_order(order, moment.verdict)
         self._order = order
 
     def _confirm(self, order: Order, moment: Moment) -> None:

@@ -106,6 +106,8 @@ class UrArm:
         WrongArmError: It is not the one of the cell file.
     """
 
+    comes_back = False
+
     def __init__(self, options: DriveOptions) -> None:
         self._host = options.host
         self._deceleration = options.deceleration

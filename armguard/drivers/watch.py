@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -20,7 +21,7 @@ import msgspec
 
 from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
-from armguard.drivers.ur_lines import stop_by_script
+from armguard.drivers.stop_alone import stop_alone
 from armguard.exceptions import ArmguardError
 
 CONNECT_TIMEOUT = 20.0
@@ -31,6 +32,13 @@ RETRY = 0.5
 
 END_TIMEOUT = 2.0
 """How long a process may take to end when it is told to, in [s]."""
+
+_LIBRARIES = {
+    "ur": ("ur_rtde", "rtde_receive", "ur"),
+    "franka": ("pylibfranka", "pylibfranka", "franka"),
+    "ros2": ("cyclonedds", "cyclonedds", "dds"),
+}
+"""By driver: its library, a module of that, and the extra that brings it."""
 
 _WAIT = 0.05
 _LONGEST_LINE = 65536
@@ -123,11 +131,12 @@ class _Driver:
 
 def check_library(driver: str) -> None:
     """Raise ArmguardError where the client library of a robot is not installed."""
-    if importlib.util.find_spec("rtde_receive") is None:
+    library, module, extra = _LIBRARIES[driver]
+    if importlib.util.find_spec(module) is None:
         raise ArmguardError(
             f"driver {driver!r}",
-            "needs ur_rtde, which is not installed",
-            remedy="pip install 'armguard[ur]'",
+            f"needs {library}, which is not installed",
+            remedy=f"pip install 'armguard[{extra}]'",
         )
 
 
@@ -159,13 +168,14 @@ def watch(
         return is_ending() or time.monotonic() >= end
 
     while not is_over():
-        driver = _Driver(options)
+        is_first = options.is_first and not report.connections
+        driver = _Driver(msgspec.structs.replace(options, is_first=is_first))
         try:
             code = _attend(driver, options, report, tell, told, is_over)
         except BaseException:
             # Whatever it is, a second Ctrl-C as well: the driver ends, and the arm stops.
             driver.process.kill()
-            stop_by_script(options.host, options.deceleration)
+            stop_alone(options)
             raise
         finally:
             driver.close()
@@ -213,7 +223,10 @@ def _attend(
         if driver.process.returncode not in (0, WRONG_ARM, LOST):
             # Nothing else can stop the arm now.
             how = "while it drove" if driver.is_driving else "while it connected"
-            _stop(options, f"the driver's process has ended by itself {how}", tell)
+            cause = f"the driver's process has ended by itself {how}"
+            if driver.process.returncode == -signal.SIGALRM:
+                cause += ", since the robot did not answer the client library"
+            _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
     return 0 if driver.process.returncode is None else driver.process.returncode
@@ -221,8 +234,7 @@ def _attend(
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
     """Stop the arm without the driver's process, and tell why."""
-    is_told = stop_by_script(options.host, options.deceleration)
-    tell(f"{cause}: {'the arm was told to stop' if is_told else 'nothing reaches the arm'}")
+    tell(f"{cause}: {stop_alone(options)}")
 
 
 def _take(

@@ -56,12 +56,11 @@ class StampTimes:
     ) -> None:
         self.now = clock.now
         """Reads the monitor's clock, in [s]."""
-        self.start, machine, gap = _compare(clock, monotonic, 0.0)
+        self.start, machine, gap = compare_clocks(clock.now, monotonic, 0.0)
         self.offset = machine - self.start
         # Of one process's own clock the closest of many tries is off by the reading itself.
         self.offset_error = gap if gap > HELD_UP else 0.0
         self.drain_start = self.arrived_after = self.start
-        self._clock = clock
         self._unix = unix
 
     def translate(self, stamp: float, clock: StampClock) -> tuple[float, float]:
@@ -70,7 +69,7 @@ class StampTimes:
             return stamp - self.offset - clock.latency, self.offset_error
         if clock.clock == "unix":
             # Compared anew each time: the machine's date may be set while we run.
-            now, unix, gap = _compare(self._clock, self._unix, HELD_UP)
+            now, unix, gap = compare_clocks(self.now, self._unix)
             # The difference of two dates first: it is exact, as that of a date and `now` is not.
             return now + (stamp - unix) - clock.latency, gap
         # Of several that arrived together the later ones must not look simultaneous.
@@ -80,25 +79,25 @@ class StampTimes:
         return arrival, self.now() - arrival
 
 
-def _compare(
-    clock: Clock, other: Callable[[], float], good_enough: float
+def compare_clocks(
+    own: Callable[[], float], other: Callable[[], float], good_enough: float = HELD_UP
 ) -> tuple[float, float, float]:
-    """Read two clocks together: the monitor's, the other, and what the first may be too early by.
+    """Read two clocks together: one's own, the other, and what the first may be too early by.
 
-    Whatever holds this process up between two readings makes them differ. The monitor's clock is
-    read before the other and after it: the earlier reading makes stamps older, never newer, and
-    older by the gap at most. Of several tries the closest counts.
+    Whatever holds this process up between two readings makes them differ. One's own clock is read
+    before the other and after it: the earlier reading makes stamps older, never newer, and older by
+    the gap at most. Of several tries the closest counts.
 
     Args:
-        clock: The monitor's.
+        own: Reads the clock that stamps are translated to, in [s].
         other: Reads the other one, in [s].
         good_enough: A gap, in [s], that needs no further try.
     """
     closest = 0.0, 0.0, float("inf")
     for _ in range(_COMPARISONS):
-        before = clock.now()
+        before = own()
         reading = other()
-        gap = clock.now() - before
+        gap = own() - before
         if gap < closest[2]:
             closest = before, reading, gap
         if gap <= good_enough:

@@ -6,6 +6,7 @@ import pytest
 from armguard import Monitor, Obstacles, Robot
 from armguard.bridges.messages import MARKERS, POSES
 from armguard.bridges.ros2 import (
+    AnswerMaker,
     FrameErrors,
     Ros2Cell,
     Transforms,
@@ -20,6 +21,7 @@ from support.bags_made import (
     READY,
     START,
     STORE,
+    header,
     joint_state,
     marker,
     markers,
@@ -253,3 +255,17 @@ def test_verdicts_are_diagnostics_and_a_speed(panda):
     for wrong in (np.nan, -1.0, 2.0):
         one = verdict._replace(level=Level.CLEAR, speed_scale=wrong)
         assert read_speed_override(one) == 0.0
+
+
+def test_answers_are_written_and_read_as_ros_does():
+    answers = AnswerMaker(STORE.types.__getitem__, int, "panda")
+    for made in (
+        answers.make_diagnostics(header(0.0).stamp, describe_verdict(None)),
+        answers.make_speed(0.25),
+    ):
+        kind = made.__msgtype__
+        read = STORE.deserialize_cdr(STORE.serialize_cdr(made, kind), kind)
+        if kind.endswith("Float64"):
+            assert read.data == 0.25
+        else:
+            assert (read.status[0].level, read.status[0].hardware_id) == (2, "panda")

@@ -23,7 +23,7 @@ def test_a_line_a_second_says_what_the_second_was_like():
         "max 4.0 ms",
         "1 without a valid verdict",
         "SLOW",
-        "slider 37%",
+        "speed 37%",
         "program running",
     ):
         assert words in line

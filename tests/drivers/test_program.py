@@ -5,8 +5,8 @@ import os
 import msgspec
 import pytest
 
+from armguard.drivers import latencies as counting
 from armguard.drivers import loop as driving
-from armguard.drivers import program as running
 from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
@@ -21,7 +21,7 @@ from support.fake_arms import FakeArm, FakeClock, FakeStreams
 @pytest.fixture
 def made(monkeypatch):
     clock = FakeClock()
-    for module in (driving, running, fake_arms):
+    for module in (driving, counting, fake_arms):
         monkeypatch.setattr(module, "time", clock)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
@@ -95,6 +95,7 @@ def test_a_fault_takes_away_the_right_to_go_on(made):
     assert "tell the robot can be driven again\n" in told
 
 
+@pytest.mark.hazard("H-19")
 def test_an_arm_that_goes_on_is_stopped(made):
     arm, streams, turn, read = made
     turn(0.05)
@@ -136,6 +137,7 @@ def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     assert all(state[3][0] >= 0.0 for state in streams.published)
 
 
+@pytest.mark.hazard("H-08")
 def test_without_any_verdict_it_stands(made):
     arm, streams, turn, _ = made
     streams.level = None

@@ -6,6 +6,7 @@ import pytest
 
 from armguard.drivers import watch as watching
 from armguard.drivers.options import DriveOptions
+from armguard.exceptions import ArmguardError
 
 OPTIONS = DriveOptions(
     driver="ur",
@@ -36,6 +37,7 @@ def test_what_the_library_prints_is_no_sign_of_life(monkeypatch):
         driver.close()
 
 
+@pytest.mark.hazard("H-20")
 def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
     stopped = []
 
@@ -44,10 +46,10 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
 
     monkeypatch.setattr(sys, "executable", "/bin/true")
     monkeypatch.setattr(watching, "_attend", interrupt)
-    monkeypatch.setattr(watching, "stop_by_script", lambda *where: stopped.append(where) or True)
+    monkeypatch.setattr(watching, "stop_alone", stopped.append)
     with pytest.raises(KeyboardInterrupt):
         watching.watch(OPTIONS, lambda _: None, lambda: False, 10.0)
-    assert stopped == [("127.0.0.1", 4.0)]
+    assert stopped == [OPTIONS]
 
 
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
@@ -58,3 +60,10 @@ def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
     finally:
         driver.close()
     assert (bool(report.problem), report.measured) == (True, "")
+
+
+@pytest.mark.parametrize(("driver", "extra"), [("ur", "ur"), ("ros2", "dds")])
+def test_what_is_not_installed_is_told_with_the_remedy(monkeypatch, driver, extra):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ArmguardError, match=rf"pip install 'armguard\[{extra}\]'"):
+        watching.check_library(driver)

@@ -127,30 +127,29 @@ class StandIn:
         socket.close(0)
 
 
-class DrivenCell:
-    """A controller, a stand-in and `armguard drive`; a context.
+class DriverProcess:
+    """`armguard drive` and a stand-in for the monitor; a context.
 
     Args:
         folder: For its files.
-        more: Lines of `[robot.driver]`, and tables behind it.
-        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
+        text: The cell file.
         options: Of the command.
-        controller: Keywords of the controller.
+
+    Attributes:
+        environment: Of the process.
     """
 
-    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
-        self.host = find_host()
-        self.controller = UrController(self.host, **controller)
+    def __init__(self, folder, text, *options):
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(CELL.format(host=self.host, more=more, timeout=timeout))
+        self.cell.write_text(text)
         self.lines = []
         self.output = ""
+        self.environment = None
         self._options = options
         self.process = None
 
     def __enter__(self):
-        self.controller.__enter__()
         self.monitor.__enter__()
         self.start()
         return self
@@ -159,6 +158,7 @@ class DrivenCell:
         """Start the driver."""
         self._close()
         addresses = ["--joints", self.monitor.joints, "--verdicts", self.monitor.verdicts]
+        addresses += ["--obstacles", self.monitor.joints]
         command = [sys.executable, "-m", "armguard", "drive", str(self.cell), *addresses]
         self.process = subprocess.Popen(
             [*command, *self._options],
@@ -166,6 +166,7 @@ class DrivenCell:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            env=self.environment,
         )
         self._reader = threading.Thread(target=self._read, args=[self.process], daemon=True)
         self._reader.start()
@@ -186,7 +187,6 @@ class DrivenCell:
     def __exit__(self, *_):
         self._close()
         self.monitor.__exit__()
-        self.controller.__exit__()
 
     def end(self):
         """End the driver as Ctrl-C does; its exit code."""
@@ -205,6 +205,40 @@ class DrivenCell:
             children = file.read().split()
         return int(children[0]) if children else None
 
+    def wait_for(self, text):
+        """Return when a line of the driver has this in it."""
+        wait_until(lambda: self.has(text) or self.process.poll() is not None)
+        assert self.has(text), self.lines
+
+    def has(self, text):
+        """Whether a line of the driver has this in it."""
+        return any(text in line for line in self.lines)
+
+
+class DrivenCell(DriverProcess):
+    """A simulated controller, and what drives it; a context.
+
+    Args:
+        folder: For its files.
+        more: Lines of `[robot.driver]`, and tables behind it.
+        timeout: As there, in [s]: a busy machine must not make anything silent for so long.
+        options: Of the command.
+        controller: Keywords of the controller.
+    """
+
+    def __init__(self, folder, *options, more="", timeout=0.5, **controller):
+        self.host = find_host()
+        super().__init__(folder, CELL.format(host=self.host, more=more, timeout=timeout), *options)
+        self.controller = UrController(self.host, **controller)
+
+    def __enter__(self):
+        self.controller.__enter__()
+        return super().__enter__()
+
+    def __exit__(self, *_):
+        super().__exit__()
+        self.controller.__exit__()
+
     def wait_until_driving(self, other_than=None):
         """Return when a driver is connected that is another one than that process."""
         wait_until(lambda: self.find_driver() not in (None, other_than))
@@ -215,15 +249,6 @@ class DrivenCell:
         assert self.controller.pace <= 0.011, "nothing moves before that"
         assert self.controller.play()
         wait_until(lambda: self.controller.pace > 0.99)
-
-    def wait_for(self, text):
-        """Return when a line of the driver has this in it."""
-        wait_until(lambda: self.has(text) or self.process.poll() is not None)
-        assert self.has(text), self.lines
-
-    def has(self, text):
-        """Whether a line of the driver has this in it."""
-        return any(text in line for line in self.lines)
 
     def wait_until_moving(self):
         """Return when the driver drives, and the program runs at full speed."""

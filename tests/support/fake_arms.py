@@ -23,6 +23,8 @@ class FakeClock:
 class FakeArm:
     """Does what it is told, at once, unless it is told to disobey."""
 
+    comes_back = False
+
     def __init__(self):
         self.orders = []
         self.program, self.fraction, self.speed, self.trouble = Program.RUNNING, 1.0, 0.5, ""

@@ -1,5 +1,6 @@
 """Every demo runs headless, and what the demos claim is so."""
 
+import importlib.metadata
 import importlib.util
 import inspect
 import re
@@ -7,10 +8,13 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from armguard.bridges import ros2
+from armguard.bridges.messages import OBSTACLES
 from armguard.exceptions import ArmguardError
 from support.bags_made import START, STORE, header, joint_state, pose_array, transforms
 from support.driven_cell import find_host
@@ -195,6 +199,41 @@ def test_bad_arguments_of_the_bridge_are_told(bridge, capsys, arguments, words):
         bridge.make_parser().parse_args(arguments)
     assert told.value.code == 2
     assert re.search(words, capsys.readouterr().err)
+
+
+PACKAGE = Path(__file__).parents[2] / "demos" / "ros2_package"
+
+
+def test_the_package_of_the_bridge_says_what_ros_has_to_know(bridge):
+    """What format 3 of package.xml demands, and all packages of the messages."""
+    root = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    assert (root.tag, root.get("format")) == ("package", "3")
+    for name in ("name", "version", "description", "maintainer", "license"):
+        assert root.findtext(name), name
+    assert "@" in root.find("maintainer").get("email")
+    assert root.findtext("version") == importlib.metadata.version("armguard")
+    named = {one.text for one in root.iter("exec_depend")}
+    used = re.findall(r"(\w+)/msg/\w+", inspect.getsource(bridge) + inspect.getsource(ros2))
+    assert named >= {*used, "rclpy", "rosidl_runtime_py"}
+    assert named >= {kind.partition("/")[0] for kind in OBSTACLES}
+    build = (PACKAGE / "CMakeLists.txt").read_text()
+    assert f"project({root.findtext('name')} " in build
+    for path in re.findall(r"\$\{CMAKE_CURRENT_SOURCE_DIR\}/(\S+)", build):
+        assert (PACKAGE / path).is_file(), path
+
+
+def test_the_launch_file_gives_the_bridge_what_it_takes(bridge):
+    root = ElementTree.parse(PACKAGE / "launch" / "armguard.launch.xml").getroot()
+    values = {one.get("name"): one.get("default") for one in root.iter("arg")}
+    assert [name for name, default in values.items() if default is None] == ["cell"]
+    values |= {"cell": "cell.toml", "options": "--obstacles /people:people_msgs/msg/People"}
+    (node,) = root.iter("node")
+    words = re.sub(r"\$\(var (\w+)\)", lambda found: values[found[1]], node.get("args")).split()
+    options = bridge.make_parser().parse_args(words)
+    assert (str(options.cell), options.joints) == ("cell.toml", "/joint_states")
+    assert options.obstacles == [("/people", "people_msgs/msg/People")]
+    assert node.get("pkg") == ElementTree.parse(PACKAGE / "package.xml").findtext("name")
+    assert f"RENAME {node.get('exec')})" in (PACKAGE / "CMakeLists.txt").read_text()
 
 
 class StandInForRos:

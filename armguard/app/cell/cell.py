@@ -22,11 +22,15 @@ from armguard.app.cell.frames import Placement, place_bodies, read_rotation, res
 from armguard.app.cell.schema import (
     SETTINGS_TABLES,
     ArmTable,
+    FrankaTable,
     IgnoreTable,
     OperatingTable,
     RobotTable,
+    Ros2Table,
     SourceTable,
     ToolTable,
+    UrTable,
+    describe_table,
     given,
     make_error,
     parse_cell,
@@ -141,6 +145,17 @@ class Cell:
         obstacles = self.make_obstacles()
         return robot, obstacles, self.make_monitor(robot, obstacles)
 
+    def describe(self) -> dict[str, Any]:
+        """What the file says, as plain data, without paths, and the other arms that were made."""
+        # For a run, once; most users of a cell do not ask.
+        from armguard.robot.portable import describe_robot
+
+        return {
+            "arm": self.arm,
+            "tables": describe_table(self.tables),
+            "others": {name: describe_robot(robot) for name, robot in self._other_robots.items()},
+        }
+
     @property
     def urdf(self) -> tuple[str, list[str]]:
         """Path of the robot's own URDF and its package folders; empty for a known robot."""
@@ -154,6 +169,18 @@ class Cell:
             return str(urdf), [str(package) for package in packages]
         folders = [str(self._folder / folder) for folder in table.package_dirs]
         return str(self._folder / table.urdf), folders
+
+    def find_driver(self) -> UrTable | FrankaTable | Ros2Table:
+        """How `armguard drive` joins its robot.
+
+        Raises:
+            CellError: The file does not say.
+        """
+        table = self.tables.robot.driver
+        if table is None:
+            example = '{ name = "ur", host = "…", model = "UR5e" }, or { name = "ros2" }'
+            raise make_error(self.file, "robot.driver", "is missing", example)
+        return table
 
     @property
     def sources(self) -> dict[str, SourceTable]:

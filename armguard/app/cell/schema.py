@@ -27,6 +27,9 @@ from armguard.streams.authentication import Right
 from armguard.streams.inputs import BYTE_LIMIT
 from armguard.streams.keys import KEY_LENGTH
 
+MOST_DOMAINS = 232
+"""The highest number of a domain of DDS."""
+
 Bound = Annotated[NotNegative, Meta(extra={"may_be_infinite": True})]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Vector = tuple[float, float, float]
@@ -77,11 +80,12 @@ class OperatingTable(_Table):
     hard as the hardware can."""
 
 
-class DriverTable(_Table, kw_only=True):
-    """`[robot.driver]`: the robot that `armguard drive` joins to the monitor."""
+class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
+    """`[robot.driver]`: an arm of Universal Robots that `armguard drive` joins ([page](ur.md)).
 
-    name: Literal["ur"]
-    """Whose robot: `"ur"`, one of Universal Robots ([its page](ur.md))."""
+    Its `name` is "ur".
+    """
+
     host: Name
     """Address of its controller."""
     model: Name
@@ -100,6 +104,93 @@ class DriverTable(_Table, kw_only=True):
     ends its program."""
     deceleration: Positive = 4.0
     """Of that stop, in [rad/s²]."""
+
+
+class FrankaTable(_Table, kw_only=True, tag_field="name", tag="franka"):
+    """`[robot.driver]`: an arm of Franka Robotics that `armguard drive` joins ([page](franka.md)).
+
+    Its `name` is "franka".
+    """
+
+    host: Name
+    """Address of its controller."""
+    model: Name = "FR3"
+    """What messages call it: the robot does not tell which one it is."""
+    joints: list[Name] | None = None
+    """Names of its seven joints, from the base on; without it, those of the maker's
+    descriptions."""
+    timeout: Positive = 0.1
+    """Silence of the robot after which its program is paused, in [s]. After three times as much, of
+    the robot or of the driver's process, another process connects."""
+    waypoints: list[list[float]] = []
+    """Positions of all joints between which it moves, again and again, in [rad]: two at least, and
+    none where a shield moves it."""
+    speed: Fraction = 1.0
+    """How fast it moves between them where nothing is near, as a fraction of `[robot.operating]`,
+    from above 0 to 1."""
+    stop_within: Positive = 1.0
+    """How long it may move on after an order to pause, in [s]. Then the robot ends its motion,
+    which ends the program."""
+    deceleration: Positive = 4.0
+    """To a waypoint, and to a pause, in [rad/s²]."""
+
+
+class ObstacleTopicTable(_Table, kw_only=True):
+    """`[robot.driver.obstacles.<source>]`: a topic that shows obstacles, by its source."""
+
+    topic: Name
+    """Its name, such as `"/people"`."""
+    type: Name
+    """Type of its messages, one of [these](ros2.md#what-comes-in)."""
+    radius: NotNegative | None = None
+    """Of what comes without sizes, in [m]; needed for such types."""
+    snapshot: bool = False
+    """Whether each message shows all that its source sees."""
+
+
+class FrameErrorsTable(_Table):
+    """`[robot.driver.frames.<pattern>]`: what frames that come as transforms may be off by.
+
+    It holds for those whose name fits the pattern ([Frames](ros2.md#frames)).
+    """
+
+    position: NotNegative = 0.0
+    """Of its origin in its parent, in [m]."""
+    angle: NotNegative = 0.0
+    """Of its turn, in [rad]."""
+    speed: NotNegative = 0.0
+    """Of its origin in its parent, at most, in [m/s]."""
+    turn_rate: NotNegative = 0.0
+    """At most, in [rad/s]."""
+
+
+class Ros2Table(_Table, kw_only=True, tag_field="name", tag="ros2"):
+    """`[robot.driver]`: an arm in a ROS 2 graph that `armguard drive` joins ([page](dds.md)).
+
+    Its `name` is "ros2".
+    """
+
+    domain: Annotated[int, Meta(ge=0, le=MOST_DOMAINS)] | None = None
+    """Number of its domain; without it, that of the variable `ROS_DOMAIN_ID`, or 0."""
+    joint_states: Name = "/joint_states"
+    """Topic of the joint states."""
+    speed_override: Name = "/armguard/speed_override"
+    """Topic for the speed that verdicts allow."""
+    trajectory: Name | None = None
+    """Topic for trajectories, such as `"/joint_trajectory_controller/joint_trajectory"`: for the
+    commands of a shield, and for braking an arm that moves on."""
+    timeout: Positive = 0.1
+    """Silence of the joint states after which the arm is stopped, in [s]."""
+    stop_within: Positive = 1.0
+    """How long the arm may move on after a speed of 0, in [s]. Then a trajectory that brakes is
+    sent, where there is a topic for it."""
+    deceleration: Positive = 4.0
+    """Of that trajectory, in [rad/s²]."""
+    obstacles: dict[Name, ObstacleTopicTable] = {}
+    """Topics that show obstacles."""
+    frames: dict[Name, FrameErrorsTable] = {}
+    """Errors and bounds of frames that come as transforms, by pattern; the first that fits counts.
+    """
 
 
 class _AnyArmTable(_Table):
@@ -126,7 +217,7 @@ class _AnyArmTable(_Table):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
-    driver: DriverTable | None = None
+    driver: UrTable | FrankaTable | Ros2Table | None = None
     """How `armguard drive` joins it."""
 
 
@@ -447,6 +538,33 @@ class CellTables(_Table, kw_only=True):
     """Who may connect."""
 
 
+PATHS: dict[type[_Table], tuple[str, ...]] = {
+    _AnyArmTable: ("urdf", "limits", "package_dirs", "cover"),
+    RobotTable: ("name",),
+    ArmTable: ("robot",),
+    ToolTable: ("mesh",),
+    KeysTable: ("secret",),
+    CellTables: ("settings_from",),
+}
+"""Keys whose values are paths, or can be. What they lead to counts, and not where it lies."""
+
+
+def describe_table(value: Any) -> Any:
+    """What tables say, as plain data, without paths."""
+    if isinstance(value, msgspec.Struct):
+        paths = {key for kind, keys in PATHS.items() if isinstance(value, kind) for key in keys}
+        return {
+            key: describe_table(one)
+            for key, one in msgspec.structs.asdict(value).items()
+            if key not in paths and one is not UNSET
+        }
+    if isinstance(value, dict):
+        return {key: describe_table(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [describe_table(one) for one in value]
+    return value
+
+
 SETTINGS_TABLES: dict[str, type[_Table]] = {
     "monitor": MonitorTable,
     "thresholds": ThresholdsTable,
@@ -488,6 +606,8 @@ _NAMED: dict[str, type[msgspec.Struct]] = {
     "keys.clients": ClientTable,
     "bounds.of": PatternTable,
     "contact_limits": ContactTable,
+    "robot.driver.obstacles": ObstacleTopicTable,
+    "robot.driver.frames": FrameErrorsTable,
 }
 """Tables of entries with free names, each of which has one form; patterns have a word besides."""
 
@@ -602,7 +722,8 @@ def _translate(
 ) -> CellError:
     """One of our errors from one of msgspec's, which looks like "Expected … - at `$.a[0].b`"."""
     text, _, place = str(error).partition(" - at ")
-    place = place.strip("`")
+    # Of entries with free names within [[robots]] msgspec does not say which one was wrong.
+    place = place.strip("`").partition("[...]")[0]
     steps = re.findall(r"\.(\w+)|\[(\d+)\]", place)
     value = raw
     for name, index in steps:
@@ -614,7 +735,7 @@ def _translate(
         expected = text.removeprefix("Expected ").partition(", got ")[0]
         is_plain = re.search(r"Invalid enum|`(float|int)`| \| ", text) is not None
         if is_plain and steps and not isinstance(value, Mapping):
-            declared = read_declarations(_table_at(kind, steps[:-1])).get(steps[-1][0])
+            declared = read_declarations(_table_at(kind, steps[:-1], raw)).get(steps[-1][0])
             if declared is not None:
                 expected = declared.describe(in_file=True).removesuffix(", or None")
         # msgspec has JSON's words.
@@ -624,8 +745,8 @@ def _translate(
     key = f"{key}.{field[1]}".strip(".")
     if "missing" in text:
         return make_error(file, key, "is missing")
-    known = getattr(_table_at(kind, steps), "__struct_fields__", ())
-    found = value[field[1]] if isinstance(value, Mapping) else value
+    known = getattr(_table_at(kind, steps, raw), "__struct_fields__", ())
+    found = value.get(field[1]) if isinstance(value, Mapping) else value
     removed = _REMOVED.get(key.partition(".")[0], {}).get(field[1])
     if removed is not None:
         return make_error(file, key, "is no key any more", f"no such key: {removed}")
@@ -634,13 +755,17 @@ def _translate(
     )
 
 
-def _table_at(kind: type, steps: list[tuple[str, str]]) -> Any:
-    for name, _ in steps:
+def _table_at(kind: type, steps: list[tuple[str, str]], raw: Any) -> Any:
+    """The class of the table that steps lead to from one that is read as `raw`."""
+    for name, index in steps:
+        raw = raw[name] if name else raw[int(index)]
         is_table = name and issubclass(kind, msgspec.Struct)
         for field in msgspec.structs.fields(kind) if is_table else ():
             if field.name == name:
-                # A table that may be left out is one of two types.
+                # A table that may be left out is one of several types.
                 for one in (field.type, *get_args(field.type)):
                     if isinstance(one, type) and issubclass(one, msgspec.Struct):
-                        kind = one
+                        tag = one.__struct_config__.tag
+                        if tag is None or (isinstance(raw, Mapping) and raw.get("name") == tag):
+                            kind = one
     return kind

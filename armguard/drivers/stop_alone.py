@@ -1,0 +1,19 @@
+"""Stops an arm without the process that drives it, and without the client library."""
+
+from __future__ import annotations
+
+from armguard.drivers.options import DriveOptions
+from armguard.drivers.ur_lines import stop_by_script
+
+
+def stop_alone(options: DriveOptions) -> str:
+    """Stop an arm whose driver has ended or hangs, if anything can; what stops it, in words."""
+    if options.driver == "ros2":
+        if options.follows:
+            return "the arm rests at the end of the motion that was sent last"
+        return "no speed is sent any more, at which the robot must stop by itself"
+    if options.driver == "franka":
+        return "without positions the robot stops by itself"
+    if stop_by_script(options.host, options.deceleration):
+        return "the arm was told to stop"
+    return "nothing reaches the arm, so see that it stands"

@@ -1,0 +1,89 @@
+"""Follows the commands of a shield where the robot takes whole trajectories.
+
+Each motion that is taken up is sent at once, to its rest. So the arm comes to rest on the proved
+path whatever is silent after that, this driver as well.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armguard.drivers.arm import TrajectoryArm
+from armguard.drivers.latencies import Latencies
+from armguard.drivers.link import Link
+from armguard.drivers.moment import Moment
+from armguard.drivers.motion import APPROACH, MotionConduct
+from armguard.drivers.options import DriveOptions
+from armguard.messages.command import SAME_PLACE, CommandMessage
+
+Array = NDArray[np.float64]
+
+
+class TrajectoryConduct(MotionConduct):
+    """Sends the commands of one shield as trajectories; see `Conduct`.
+
+    Args:
+        arm: Follows trajectories.
+        options: Names of its joints, and how long it may take to brake.
+        latencies: Counts what is done.
+        link: Takes lines for people.
+    """
+
+    def __init__(
+        self, arm: TrajectoryArm, options: DriveOptions, latencies: Latencies, link: Link
+    ) -> None:
+        super().__init__(arm, options, latencies, link)
+        self._sender = arm
+
+    def act(self, moment: Moment) -> None:
+        """Follow, take up, or brake, and show the verdict."""
+        super().act(moment)
+        verdict = moment.verdict
+        is_valid = verdict is not None and moment.now <= verdict.valid_until
+        says_why = is_valid and not moment.hindrance
+        problem = moment.hindrance or "no valid verdict"
+        self._sender.report(verdict if says_why else None, problem)
+
+    def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
+        before = self._followed
+        super()._take_up(command, order, moment)
+        was_moving = before is not None and moment.now < before.valid_until
+        is_off = bool((np.abs(self._offset) > SAME_PLACE).any())
+        if command.moving or was_moving or is_off:
+            offset = self._offset if is_off else np.zeros(len(order))
+            since = moment.now - command.stamp
+            self._sender.send(command.stamp, *make_points(command, order, offset, since))
+
+
+def make_points(
+    command: CommandMessage, order: NDArray[np.intp], offset: Array, since: float
+) -> tuple[Array, Array, Array]:
+    """Times, positions and velocities of a motion, for an arm that may be off it.
+
+    An offset shrinks at `APPROACH`, joint by joint. Points are added where it ends, so that the
+    cubic between two points is off by no more than what it shrinks by between them.
+
+    Args:
+        command: The motion.
+        order: Where in its rows the robot's joints are. Shape (nv,).
+        offset: How far from the motion the robot's joints are, in [rad]. Shape (nv,).
+        since: From when on the offset shrinks, in [s] from the command's stamp.
+
+    Returns:
+        In [s] from the command's stamp, [rad] and [rad/s], in the robot's order. Shapes (k,),
+        (k, nv), (k, nv).
+    """
+    samples = command.read()
+    if not offset.any():
+        return samples.times, samples.q[:, order], samples.v[:, order]
+    ends = since + np.abs(offset) / APPROACH
+    times = np.union1d(samples.times, ends[ends > 0.0])
+    rows = [command.at(command.stamp + time)[:2] for time in times]
+    gone = APPROACH * np.maximum(times - since, 0.0)[:, None]
+    # At its own end an offset is nothing, whatever rounding leaves of it: the arm must rest there.
+    is_left = gone < np.abs(offset) - SAME_PLACE * APPROACH
+    rest = np.where(is_left, offset - np.clip(offset, -gone, gone), 0.0)
+    q = np.array([row[0] for row in rows])[:, order] + rest
+    slope = -APPROACH * np.sign(rest) * (times >= since)[:, None]
+    return times, q, np.array([row[1] for row in rows])[:, order] + slope
