@@ -61,286 +61,283 @@ class ReasonKind(enum.Enum):
     CONTACT = (
         "contact possible",
         Effect.NOTE,
-        "Nothing is wrong: this pair is what the level rests on. `monitor.explain()` and "
-        "`armguard replay --explain` say what would buy time.",
+        "Nothing is wrong: the level rests on this pair. `monitor.explain()` and `armguard replay "
+        "--explain` say what would buy time.",
     )
     CONTACT_ALLOWED = (
         "contact allowed",
         Effect.NOTE,
-        "Nothing, if this contact is permitted; else remove the limit from the contact limits "
+        "If this contact is permitted, nothing; else remove the contact limit "
         "(docs/contact_limits.md).",
     )
     CONTACT_FORBIDDEN = (
         "contact not permitted",
         Effect.NOTE,
-        "Nothing is wrong: the detail says by how much a contact limit would be exceeded. Keep the "
-        "arm slower there; where a part can be clamped, more room, or a limit with `force` and "
-        "`stiffness`, helps; where a region is not stated, state it (docs/contact_limits.md).",
+        "Nothing is wrong: the detail says which contact limit would be exceeded. Keep the arm "
+        "slower there. Where a part can be clamped, give more room, or a limit with `force` and "
+        "`stiffness`. State a region that is not stated (docs/contact_limits.md).",
     )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
-        "Find out what held up the source or the joint states: a busy processor, a network, a "
-        "camera that pauses. Nothing came near: with data of their usual age the level would be "
-        "the one that the detail names.",
+        "Find out what delayed the source or the joint states: a busy processor, a network, a "
+        "camera that pauses. Nothing came near: the detail names the level with data of their "
+        "usual age.",
     )
     LATE_DATA_UNKNOWN = (
         "late data, effect unknown",
         Effect.NOTE,
-        "Find out what held up the source or the joint states, as for late data. More was near "
-        "than could be looked up, so it is not known which level data of their usual age would "
-        "give.",
+        "Find out what delayed the source or the joint states. Too much was near to compute the "
+        "level with data of their usual age.",
     )
     WIDENED_BOUNDS = (
         "bounds widened",
         Effect.NOTE,
-        "Nothing came near: with the stated bounds the level would be higher. State the bounds "
-        "that the body keeps, or mend what makes its samples jump.",
+        "Nothing came near: with the stated bounds the level would be higher. State bounds that "
+        "the body keeps, or correct what makes its samples jump.",
     )
     REFUSED_ALTERNATIVE = (
         "refused sample counts",
         Effect.NOTE,
-        "Nothing came near: without the sample that was refused, which may be true, the level "
-        "would be higher. Look for swapped ids and jumps in perception.",
+        "Nothing came near: without the refused sample, which may be true, the level would be "
+        "higher. Look for swapped ids and jumps in perception.",
     )
     HIDDEN = (
         "body hidden",
         Effect.NOTE,
-        "Nothing came near: a body that is not seen could be nearer with each moment. See why its "
-        "source does not see it.",
+        "Nothing came near: a body that is not seen may come nearer. Find out why its source does "
+        "not see it.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
         Effect.NOTE,
-        "Wait: a level rises after `rise_delay` seconds without a cause for the lower one.",
+        "Wait: a level rises `rise_delay` seconds after the last cause of the lower one.",
     )
     NO_SOURCES_EXPECTED = (
-        "no sources, as was said",
+        "no sources, as stated",
         Effect.NOTE,
-        "Nothing, if no obstacle is to be watched; else name the sources of the cell.",
+        "If no obstacle is to be watched, nothing; else name the cell's sources.",
     )
     NOT_YET_COMPLETE = (
-        "no complete look yet",
+        "not everything evaluated yet",
         Effect.NOTE,
-        "Wait for the first joint state and the first tick; if it stays, see that the "
-        "controller publishes to the address that `armguard run` printed.",
+        "Wait for the first joint state and tick. If it stays, check that the controller "
+        "publishes to the address that `armguard run` printed.",
     )
     REMOVAL_IGNORED = (
         "removal ignored",
         Effect.NOTE,
-        "See what the source removes: an id that it never reported, or something newer than "
-        "the removal.",
+        "Check what the source removes: an id that it never reported, or a state newer than the "
+        "removal.",
     )
     FORGOTTEN = (
         "forgotten by a reset",
         Effect.NOTE,
-        "See who sent it: an obstacle of which no state was believable, or a source that was not "
+        "Find out who sent it: an obstacle without a believable state, or a source that was not "
         "named. If it is real, correct its stamps, or name the source.",
     )
     ID_SHARED = (
         "id used twice",
         Effect.NOTE,
-        "Give bodies of different sources different ids; until then both are watched.",
+        "Give bodies of different sources different ids. Both are watched until then.",
     )
     PLAN_REFUSED = (
         "plan refused",
         Effect.NOTE,
-        "Mend what the detail names, and send the plan again; the one before still counts.",
+        "Correct what the detail names, and send the plan again. The one before still counts.",
     )
     PLAN_UNSAFE = (
         "plan unsafe",
         Effect.NOTE,
-        "Send a shorter or slower piece, or another way; finish the one before.",
+        "Finish the piece before; send a shorter or slower one, or another path.",
     )
     PLAN_VOID = (
         "plan not followed any more",
         Effect.NOTE,
-        "The arm is not where its plan has it, or what the plan rested on is gone: send one "
-        "that begins where the arm is; state tracking errors that it keeps.",
+        "The arm is not where its plan has it, or a premise of the plan is gone. Send one that "
+        "begins where the arm is; state tracking errors that it keeps.",
     )
     PIECE_UNSAFE = (
         "committed piece not safe any more",
         Effect.STANDING,
-        "Brake; then send a piece that is safe by what is seen now.",
+        "Brake. Then send a piece that is safe by what is seen now.",
     )
     BUDGET_SPENT = (
         "budget spent before the stop decision was made",
         Effect.NOTE,
-        "Raise `budget`, or watch fewer obstacles; `monitor.headroom()` says how much is missing.",
+        "Raise `budget`, or watch fewer obstacles. `monitor.headroom()` says how much is missing.",
     )
     CROWD = (
         "more is near than was evaluated",
         Effect.NOTE,
-        "Nothing: a STOP is certain anyway, and the rest waits until it is over.",
+        "Nothing: a STOP is certain anyway, and the rest is evaluated after it.",
     )
     OBSTACLE_REFUSED = (
         "obstacle refused",
         Effect.NOTE,
-        "The sample cannot be of that body by its bounds. Where they are right, look for "
-        "swapped ids and jumps in perception; where the body is that fast, state larger "
-        "bounds (docs/people.md).",
+        "The sample cannot be of that body by its bounds. Look for swapped ids and jumps in "
+        "perception; if the body is that fast, state larger bounds (docs/people.md).",
     )
     POINTS_DROPPED = (
         "points of a cloud dropped",
         Effect.NOTE,
-        "Leave out rays that came back from nothing before sending; where that is not what they "
-        "are, see what is wrong with the camera: what they hit is not known.",
+        "Do not send rays that hit nothing. If they did hit something, check the camera: what "
+        "they hit is not known.",
     )
     BOUND_BROKEN = (
         "obstacle broke its bounds",
         Effect.NOTE,
-        "State the bounds that the body keeps: `accel` and `speed` of the message, a pattern "
-        "in `[bounds.of]`, or `armguard.people` by part of the body.",
+        "State bounds that the body keeps: `accel` and `speed` of the message, a pattern in "
+        "`[bounds.of]`, or `armguard.people` by body part.",
     )
     TETHER_BROKEN = (
         "tether broken",
         Effect.NOTE,
-        "State a length that the two obstacles keep to; where that is right, look for swapped ids "
-        "and jumps in perception. Until both have agreed with the tether for `rise_delay` it is "
-        "not used (docs/obstacles.md).",
+        "State a length that both obstacles keep, or look for swapped ids and jumps in "
+        "perception. The tether is not used until both agree for `rise_delay` "
+        "(docs/obstacles.md).",
     )
     ERRORS_EXCEEDED = (
         "errors larger than stated",
         Effect.NOTE,
-        "State the errors that the detail names, `position_error` and `velocity_error`: what "
-        "is promised rests on them.",
+        "State the errors that the detail names, `position_error` and `velocity_error`: every "
+        "proof rests on them.",
     )
     NO_SOURCES = (
         "no sources",
         Effect.STANDING,
-        "Name the sources that must be heard, or say that there are none: `Obstacles(sources=[])`.",
+        "Name the sources, or state that there are none: `Obstacles(sources=[])`.",
     )
     SOURCE_SILENT = (
         "source silent",
         Effect.STANDING,
-        "Start the source, or see why it sends nothing; one that sees nothing sends an empty "
-        "message as its heartbeat. `required = false` is for one that may never be started: what "
-        "has once spoken is missed from then on. One that was not named, and spoke by mistake, is "
-        "forgotten by a reset.",
+        "Start the source. One that sees nothing must send empty messages as heartbeat. `required "
+        "= false` is for one that may never start: what has once sent is missed afterwards. A "
+        "reset forgets one that was not named.",
     )
     STAMP_AHEAD = (
         "stamp ahead of the clock",
         Effect.STANDING,
-        "Let the source stamp by the clock that the cell file names for it, and synchronise "
-        "that clock.",
+        "Let the source stamp by the clock that the cell file names for it, and synchronise that "
+        "clock.",
     )
     OBSTACLE_NOT_BELIEVED = (
         "obstacle not believed",
         Effect.STANDING,
-        "See what the detail says: a sample that was refused where its source asks for STOP, "
-        "or one that came too late for the table to hold it.",
+        "See the detail: a sample was refused and its source asks for STOP, or it came too late "
+        "for the table to hold it.",
     )
     SOURCE_NOT_BELIEVED = (
         "source not believed",
         Effect.STANDING,
-        "Most of what it sends contradicts its own bounds: check its units, frame, stamps and ids.",
+        "Most of its samples contradict its own bounds: check units, frame, stamps and ids.",
     )
     CALL_REFUSED = (
         "malformed obstacle call",
         Effect.STANDING,
-        "Mend the message that the detail names; none of it was taken.",
+        "Correct the message that the detail names; nothing of it was used.",
     )
     OTHER_ARM_BROKE = (
         "other arm broke its limits",
         Effect.STANDING,
-        "Let that arm's controller keep to the operating limits and the plans that it has stated, "
-        "or state what it keeps to; until 2 s after the last break its hardware's limits count. "
-        "Nothing has to be reset.",
+        "Let that arm's controller keep its operating limits and plans, or state what it keeps. "
+        "Its hardware's limits count until 2 s after the last violation. Nothing needs a reset.",
     )
     OVERDUE = (
         "pair overdue",
         Effect.STANDING,
-        "The tick had no time for all pairs: raise `budget` or `max_staleness`, or watch "
-        "fewer obstacles.",
+        "The tick had no time for all pairs: raise `budget` or `max_staleness`, or watch fewer "
+        "obstacles.",
     )
     IGNORE_UNMATCHED = (
         "ignored pair matches nothing",
         Effect.STANDING,
-        "Correct the pattern, or name the source of what comes later: (link, pattern, source).",
+        "Correct the pattern. If the obstacle comes later, name its source: (link, pattern, "
+        "source).",
     )
     PAIR_IGNORED = (
         "pair not watched for the time being",
         Effect.NOTE,
-        "Nothing, where this contact is wanted; `monitor.watch(number)` ends it (docs/contact.md).",
+        "If this contact is wanted, nothing; `monitor.watch(number)` ends it (docs/contact.md).",
     )
     PAIR_WATCHED = (
         "exempt pair watched again",
         Effect.NOTE,
-        "Nothing, if the exemption is over. If it is to hold, see what the detail says: give it "
-        "more time, or a zone that holds all that the obstacle may do until the arm rests.",
+        "If the exemption is over, nothing. Else give it more time, or a zone that holds all that "
+        "the obstacle may do until the arm is at rest.",
     )
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person has drawn back; the arm then goes on. Or commit a piece on which "
-        "the arm surely recedes from the person.",
+        "Wait until the person has drawn back; then the arm goes on. Or commit a piece on which "
+        "the arm recedes from the person.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
         Effect.STANDING,
-        "The contact was harder than brakes or tracking allow for: see what the arm touched, and "
-        "whether the stated errors of tracking are right. It ends once joints keep their limits.",
+        "The contact was harder than brakes or tracking allow for. Check what the arm touched, "
+        "and the stated tracking errors. It ends once joints keep their limits.",
     )
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
         Effect.STANDING,
-        "The joint cannot stop before its limit: keep the arm slower there, or correct the "
-        "limit in robot.toml.",
+        "The joint cannot stop before its limit. Keep the arm slower there, or correct the limit "
+        "in robot.toml.",
     )
     BRAKES_NOT_COVERED = (
         "brakes not stated for such speeds",
         Effect.STANDING,
-        "Keep the joint slower, state operating limits (`operating=`), or state brakes for "
-        "that speed and load in robot.toml.",
+        "Keep the joint slower, state operating limits (`operating=`), or state brakes for that "
+        "speed and load in robot.toml.",
     )
     OPERATING_LIMITS_BROKEN = (
         "operating limits broken",
         Effect.STANDING,
-        "Let the controller keep to what was stated, or state what it keeps to.",
+        "Let the controller keep the stated limits, or state what it keeps.",
     )
     ENDED = (
         "monitor has ended",
         Effect.STANDING,
-        "Start it again. If nobody ended it, its last lines on standard error, or the journal of "
-        "its service, say what did.",
+        "Start it again. If nobody ended it, see its last lines on standard error or its "
+        "service's journal.",
     )
     JOINT_STATE_MALFORMED = (
         "joint state malformed",
         Effect.LATCHED,
-        "Send one finite position and velocity for each watched joint; then reset.",
+        "Send one finite position and velocity for each watched joint. Then reset.",
     )
     JOINT_STATE_BEYOND_LIMITS = (
         "joint state beyond its limits",
         Effect.LATCHED,
-        "Check units and signs of the joint states, and the limits in robot.toml; then reset.",
+        "Check units and signs of the joint states, and the limits in robot.toml. Then reset.",
     )
     JOINT_STATE_JUMPED = (
         "joint state jumped",
         Effect.LATCHED,
-        "No arm moves like that: check for lost or swapped states, units, and stamps that are "
-        "those of the measurement; a simulated driver that steps by a fixed time must stamp by the "
-        "nominal time of its tick. Then reset.",
+        "No arm moves like that: check for lost or swapped states, units, and stamps of the "
+        "measurement. A simulated driver with fixed steps must stamp by its nominal time. Then "
+        "reset.",
     )
     TIME_INVALID = (
         "time not finite",
         Effect.LATCHED,
-        "Give finite seconds as stamp and time; then reset.",
+        "Give finite seconds as stamp and time. Then reset.",
     )
     TIME_BACKWARDS = (
         "time ran backwards",
         Effect.LATCHED,
-        "Use one clock that never goes back (the monotonic one); then reset.",
+        "Use a clock that never goes back (the monotonic one). Then reset.",
     )
     JOINT_STATE_GAP = (
         "gap in joint states",
         Effect.LATCHED,
-        "See why joint states stayed away or one stamp stood for so long; a slow driver needs "
+        "Find out why joint states stayed away, or one stamp did not change. A slow driver needs "
         "a longer `joint_timeout`. Then reset.",
     )
     INTERNAL_ERROR = (
         "error inside armguard",
         Effect.LATCHED,
-        "A fault of armguard's: keep the recording, and report it with the detail. Then reset.",
+        "This is a fault of armguard: keep the recording, report it with the detail. Then reset.",
     )
 
     def __init__(self, text: str, effect: Effect, remedy: str) -> None:
@@ -487,6 +484,9 @@ class Verdict(NamedTuple):
     """Greatest speed in [m/s] at which an obstacle could be touched before the arm rests, were the
     next verdict a STOP; 0 where no contact is possible by then, inf where nothing is proved. None
     where no contact limits are stated."""
+    configuration: str | None = None
+    """Digest of what the monitor was made with, in verdicts that `armguard run` publishes; None in
+    others."""
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"

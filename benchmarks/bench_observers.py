@@ -7,11 +7,12 @@ ticks in microseconds, and how many came late; printed are medians over the turn
 median of the ratios to "nothing" in the same round. "nothing, again" is that same case once more:
 what the ratios there are off 1 by is what this machine cannot tell.
 
-In the case "recorder" verdicts are written after the tick, as by `armguard run --record`; "not
-deferred" is a loop that calls `Monitor.step` itself. A recorder and a view are processes, and share
-the machine with the loop. "busy process" is neither, but a process that is busy for as long as the
-recorder's, as often and at the same priority: what it costs the loop is what the processor pays
-for the work beside it, however little the loop does.
+In the case "recorder" verdicts are written after the tick, as by `armguard run --record`; in
+"recorder, signed" the process that writes signs as well, and verdicts carry the digest of the
+configuration; "not deferred" is a loop that calls `Monitor.step` itself. A recorder and a view are
+processes, and share the machine with the loop. "busy process" is neither, but a process that is
+busy for as long as the recorder's, as often and at the same priority: what it costs the loop is
+what the processor pays for the work beside it, however little the loop does.
 
     python benchmarks/bench_observers.py --rounds 10 --seconds 1
     python benchmarks/bench_observers.py --only nothing recorder busy --realtime
@@ -33,11 +34,14 @@ import zmq
 from armguard.app.cell import Cell
 from armguard.app.loop import Observer, RateLoop, RunRecording
 from armguard.app.realtime import request_realtime
+from armguard.app.stepper import Stepper
 from armguard.app.view_feed import MonitorFeed
 from armguard.clock import MonotonicClock
 from armguard.lab.simulation import ProceduralPerson
 from armguard.messages.incoming import JointsMessage, encode
+from armguard.monitor.configuration import digest_configuration
 from armguard.recording import Recorder
+from armguard.recording.signing import write_signing_pair
 from armguard.streams import Edge, FaultLog, VerdictPublisher
 from armguard.view import FramePublisher, launch
 
@@ -49,6 +53,7 @@ CASES = (
     NOTHING,
     "nothing, again",
     "recorder",
+    "recorder, signed",
     "recorder, not deferred",
     "stopped recorder",
     "busy process",
@@ -155,13 +160,18 @@ class Contestant:
         robot, obstacles, self._monitor = Cell.from_text(CELL).build()
         edge = Edge(obstacles, robot.joints, clock, FaultLog(clock.now, _ignore))
         resting = Resting(clock, obstacles, robot.joints, edge.times.offset)
-        verdicts = VerdictPublisher(f"ipc://{folder}/verdicts", edge.times.offset)
+        is_signed = case == "recorder, signed"
+        digest = digest_configuration(self._monitor) if is_signed else None
+        verdicts = VerdictPublisher(
+            f"ipc://{folder}/verdicts", edge.times.offset, configuration=digest
+        )
         resources.callback(verdicts.close)
         self.pid = None
         self._is_stopped = case.startswith("stopped")
         view, observers = None, []
         if "recorder" in case:
-            recorder = Recorder(folder / "run.mcap", self._monitor)
+            key = write_signing_pair("recorder", folder)[0] if is_signed else None
+            recorder = Recorder(folder / "run.mcap", self._monitor, key=key)
             resources.callback(recorder.close)
             self.pid = recorder.pid
             if "not deferred" not in case:
@@ -181,8 +191,9 @@ class Contestant:
             reader = context.socket(zmq.SUB)
             reader.subscribe(b"")
             reader.connect(verdicts.address)
+        stepper = Stepper(self._monitor, edge, verdicts.answer)
         self._loop = TimedLoop(
-            self._monitor, edge, [resting], clock, verdicts.publish, verdicts.answer, observers
+            stepper, edge, [resting], clock, verdicts.publish, verdicts.answer, observers
         )
         self._loop.run(SETTLING)
         if case == "killed view":

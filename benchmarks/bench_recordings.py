@@ -36,6 +36,7 @@ from rich.progress import Progress
 from armguard.lab.simulation import JointTrajectory, keeps_within, random_trajectory
 from armguard.robot import Robot
 from scene.contestants import NOT_OBEYED, Scope, make_rules
+from scene.long_tables import write_with_tables
 from scene.machine import describe_machine
 from scene.plays import Judged, Obeyed, Stage
 from scene.recorded_people import People
@@ -254,7 +255,7 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     if options.out is None:
         print(page)
     else:
-        options.out.write_text(page, encoding="utf-8")
+        write_with_tables(page, options.out)
         print(f"wrote {options.out}")
     return found
 

@@ -32,6 +32,7 @@ from scene.clearance import Leaves
 from scene.contestants import make_operating
 from scene.example_limits import LIMITS
 from scene.failsafe import OWN_BRAKING, OWN_JERK, FailsafeMover
+from scene.long_tables import write_with_tables
 from scene.machine import describe_machine
 from scene.plays import Obeyed, Stage
 from scene.recorded_people import People
@@ -227,7 +228,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     if options.out is None:
         print(page)
     else:
-        options.out.write_text(page, encoding="utf-8")
+        write_with_tables(page, options.out)
         print(f"wrote {options.out}")
     return found
 

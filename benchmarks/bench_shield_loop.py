@@ -33,6 +33,7 @@ from armguard.lab.simulation.bodies import POINTS
 from armguard.robot import Robot
 from armguard.shield import Command
 from scene.contestants import make_operating
+from scene.long_tables import write_with_tables
 from scene.loop_page import Row, find_hours, write_page
 from scene.machine import describe_machine
 from scene.recorded_people import People
@@ -286,7 +287,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
         if options.rows is not None:
             options.rows.write_bytes(pickle.dumps(rows))
         if options.out is not None:
-            options.out.write_text(make_page(), encoding="utf-8")
+            write_with_tables(make_page(), options.out)
     print(make_page())
     return rows
 

@@ -53,7 +53,7 @@ SPHERES = 4
 MOST_LINKS = 14
 """Robots with more are described and read, and not fitted: each would take many minutes."""
 
-HEAD = f"""# Arms that were tried
+HEAD = f"""# Tested arms
 
 <!-- written by docs/make_arms.py from docs/arms.json, which a run of it makes: change it there -->
 

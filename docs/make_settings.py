@@ -1,5 +1,7 @@
 """The figures of a page: `python docs/make_settings.py` fills docs/settings.md from docs/tradeoff.
 
+It also draws docs/pictures/prices.svg.
+
 A figure stands between the marks `<!-- figures: NAME -->` and `<!-- end of figures -->`, where NAME
 is that of a report, for a table of its settings; "auto", for the table of what trials chose;
 "touches", for the number of contacts; or REPORT/SETTING/FIGURE, for one figure.
@@ -8,6 +10,7 @@ is that of a report, for a table of its settings; "auto", for the table of what 
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -21,8 +24,9 @@ BLOCK = re.compile(
 )
 
 LEFT_OUT = {
-    "cover level 1", "cover level 2",
-    "schedule daa, fibonacci", "max_staleness 0.5", "rate 500 Hz", "budget 256",
+    "cover level 1", "cover level 2", "cover 80 mm", "motion distance",
+    "schedule daa, fibonacci", "max_staleness 0.5", "rate 200 Hz", "rate 500 Hz",
+    "budget 64", "budget 256",
 }  # fmt: skip
 """Settings that a table leaves to its report."""
 
@@ -110,5 +114,34 @@ def _tabulate_choices() -> str:
     return "\n".join(lines)
 
 
+def draw_prices() -> None:
+    """The picture of the page: what each setting takes, and how often the arm stops by it."""
+    from make_concepts import ARM, BODY, INK, PALE, Drawing
+
+    settings = {one["name"]: one["figures"] for one in _read("panda")["settings"]}
+    drawing, left, base, wide, tall = Drawing(780, 330), 70.0, 270.0, 640.0, 240.0
+    low, high = 0.5, 0.7  # share of the time in STOP
+    for share in (0.5, 0.55, 0.6, 0.65, 0.7):
+        y = base - tall * (share - low) / (high - low)
+        drawing.line([(left, y), (left + wide, y)], PALE)
+        drawing.text(left - 8, y + 4, f"{share:.0%}", anchor="end")
+    for core in (0.02, 0.1, 0.5, 2.5):
+        x = left + wide * math.log(core / 0.02) / math.log(2.5 / 0.02)
+        drawing.text(x, base + 22, f"{core:.0%}")
+    drawing.text(left + wide / 2, base + 46, "share of a core, logarithmic")
+    drawing.text(left, 18, "share of the time in STOP", anchor="start")
+    named = {"operating none", "default", "finest", "rate 100 Hz", "motion isotropic"}
+    for name, figures in settings.items():
+        if figures is None or name in LEFT_OUT - {"rate 500 Hz"} or name == "auto":
+            continue
+        x = left + wide * math.log(figures["core"] / 0.02) / math.log(2.5 / 0.02)
+        y = base - tall * (figures["stop"] - low) / (high - low)
+        drawing.circle(x, y, 5.0, BODY if name in named else ARM, filled=name in named)
+        if name in named:
+            drawing.text(x, y + (22 if name == "default" else -10), name, fill=INK)
+    drawing.save("prices.svg", "What settings take of a core, and how often the arm stops")
+
+
 if __name__ == "__main__":
+    draw_prices()
     PAGE.write_text(fill_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

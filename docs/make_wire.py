@@ -58,32 +58,32 @@ HEAD = f"""# The wire
 
 <!-- written by docs/make_wire.py from armguard/messages: change it there -->
 
-What goes between the processes of a cell: messages on ZeroMQ sockets. `armguard run`, or `armguard shield`, binds, all others connect, so any process may start first and any may be restarted.
+The processes of a cell exchange messages over ZeroMQ sockets. `armguard run`, or `armguard shield`, binds; all others connect. So processes can start in any order and restart.
 
-| socket | of the monitor | of yours | address unless told otherwise | option of `armguard run` |
+| socket | of the monitor | of yours | default address | option of `armguard run` |
 |---|---|---|---|---|
 | obstacles | SUB, bound | PUB | `{addresses.OBSTACLES_ADDRESS}` | `--obstacles` |
 | joint states, plans and goals | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
 | verdicts, commands and answers | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
 
-Both inputs take every type of message, and may be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states among them; there is no socket then but that of the verdicts.
+Both inputs take every type of message, and can be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states too; the only socket is then that of the verdicts.
 
-Addresses are `ipc://` or TCP of this machine; others only where the cell file has keys, and then all sockets of the monitor are CURVE servers that ask for them. [Keys](keys.md) has worked lines.
+Addresses are `ipc://` or TCP of this machine. Others need keys in the cell file; then all sockets of the monitor are CURVE servers that ask for them ([Keys](keys.md)).
 
 ## Messages
 
-Each message is one part: a msgpack map, or a JSON object with the same fields; the monitor tells them apart by the first byte. Verdicts, commands and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
+Each message is one part: a msgpack map, or a JSON object with the same fields; the first byte tells them apart. Verdicts, commands and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
 
 - `type` names the message. Unknown fields are refused, missing ones are named.
-- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row; those of commands are packed. A field that may be nil, null in JSON, may as well be left out.
-- JSON has no infinite numbers. In verdicts {answers.GREATEST!r}, the greatest that there is, stands for them, so that readers may compare as usual. What is no number at all (NaN), such as the stamp of a verdict on a joint state whose stamp was none, is NaN in msgpack and null in JSON, and may be any number of a verdict or an answer. Obey the level first: a STOP is one whatever its numbers are, and a `valid_until` or `speed_scale` that is no number counts as over, and as 0. Bounds that are infinite can be sent in msgpack only.
-- Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix`, or `arrival` for a sender without a clock that could be compared.
+- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row; those of commands are packed. A field that can be nil, null in JSON, can be left out.
+- JSON has no infinite numbers. In verdicts {answers.GREATEST!r}, the greatest number, stands for them. NaN, such as the stamp of a joint state without one, is NaN in msgpack and null in JSON. Any number of a verdict or an answer can be NaN. Obey the level first: a STOP counts whatever its numbers are. A `valid_until` that is NaN has expired, a `speed_scale` that is NaN is 0. Infinite bounds can be sent in msgpack only.
+- Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix` (seconds since 1970), or `arrival` for a sender without a usable clock.
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
-- `seq` counts the messages of one source, by 1. A gap is counted as lost messages, a step back as a sender that started anew, and two tracks that both go on as two senders. None of it is a STOP by itself: obstacles that were not heard of grow with their bounds.
+- `seq` counts the messages of one source, by 1. A gap counts as lost messages, a step back as a sender that restarted, and two tracks that both go on as two senders. None is a STOP by itself: obstacles that are not reported grow with their bounds.
 
-Whatever is refused is counted by its kind and source, told on standard error, and is in the summary of the run; where obstacles may be missing because of it, the verdict says so too. One source may send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections: whoever comes beyond that is shut out within a tick, and counted under `connections`, until another connection has ended. With keys as well a connection counts before its key is known: where strangers reach the port, keep them away by a firewall, or they can take the room of a driver that has lost its connection, which is a STOP. Each holds {inputs.WAITING_BYTES // 2**20} MiB of messages that wait at most.
+What is refused is counted by kind and source, printed on standard error, and in the summary of the run. If obstacles may be missing because of it, the verdict says so. One source can send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections. One beyond that is shut out within a tick, and counted under `connections`, until another one has ended. A connection counts before its key is known, so strangers can take the place of a driver that has lost its connection, which is a STOP: keep them away by a firewall. Each connection holds at most {inputs.WAITING_BYTES // 2**20} MiB of waiting messages.
 
-Complete nodes without armguard's library lie beside this page, and the tests run them: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
+Complete nodes without armguard's library, which the tests run: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
 """
 
 OBSTACLES = """## Obstacles
@@ -91,8 +91,8 @@ OBSTACLES = """## Obstacles
 `{"type": "obstacles", …}`: what one source saw at one time, as `Obstacles.update` takes it.
 """
 
-AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the source is there and has nothing new. A source that has spoken once, and one that the cell file requires, must go on speaking (`source_timeout`, 0.2 s), or it is a STOP.
-- *Snapshot*: with `snapshot` the obstacles of this source that are not in `ids` are removed. Without it they stay, and grow with their bounds: what is not seen is not gone.
+AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the source has nothing new. A source that has sent once, and one that the cell file requires, must send at least every `source_timeout` (0.2 s), or it is a STOP.
+- *Snapshot*: with `snapshot` the obstacles of this source that are not in `ids` are removed. Without it they stay, and grow with their bounds.
 - An id belongs to its source: of two sources that use one id, each has an obstacle of its own.
 - All rows of a message have as many points; bodies of different kinds go in messages of their own.
 
@@ -105,11 +105,11 @@ AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the sou
 
 CLOUD = """## Clouds
 
-`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [What is not seen](sensors.md) says what becomes of points and what that costs.
+`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [Entrances and clouds](sensors.md) says what becomes of points and what that costs.
 """
 
-AFTER_CLOUD = """- The points of the arm are taken out by the monitor, by the joint state that is nearest to the cloud in time. Where none of the last thousand is within `time_error` of it (`[clouds]`, 5 ms), all points count, and the arm stops before its own picture.
-- Points that are no numbers are left out, counted and said.
+AFTER_CLOUD = """- The monitor takes out the points of the arm, by the joint state nearest to the cloud in time. If none of the last thousand is within `time_error` of it (`[clouds]`, 5 ms), all points count, and the arm stops because of its own picture.
+- Points that are not finite are left out, counted and reported.
 - A source sends clouds, or obstacles: one that does both uses no ids of the form `voxel 3 -2 14`, which are refused.
 
 ```json
@@ -133,21 +133,21 @@ AFTER_JOINTS = """A gap between joint states longer than `joint_timeout` is a ST
 
 RESET = """## Reset
 
-`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. It also forgets [what no message may ever end](obstacles.md), such as the silence of a mistyped source. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
+`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. It also forgets [what no message can end](obstacles.md#sources), such as the silence of a mistyped source. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
 """
 
-AFTER_RESET = """A run without `--reset-token` obeys none, and with several arms none that names no arm of the cell. What was not obeyed is counted. A reset with a `number` gets one answer, `{"type": "reset_verdict", …}`, on the socket of the verdicts, after the verdict of the tick in which it came. One that names another arm of the cell, or whose client may not send it, gets none.
+AFTER_RESET = """A run without `--reset-token` obeys no reset. With several arms, a reset must name an arm of the cell. What was not obeyed is counted. A reset with a `number` gets one answer, `{"type": "reset_verdict", …}`, on the socket of the verdicts, after the verdict of the tick in which it came. One that names another arm of the cell, or whose client may not send it, gets none.
 """
 
 IGNORE = """## Contact that is wanted
 
-`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Contact that is wanted](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
+`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Allowing contact](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
 """
 
 WATCH = """`{"type": "watch", …}` ends it before its time, and needs no token.
 """
 
-AFTER_WATCH = """There is no answer but the verdicts that follow: their notes (`pair_ignored`, `pair_watched`) say what is not watched, and why what was exempt is. What is refused, such as a time that is over or a link that there is not, is counted as `ignore refused` and told on standard error.
+AFTER_WATCH = """The answer is in the notes of the verdicts that follow: `pair_ignored` says what is not watched, `pair_watched` why an exempt pair is. What is refused, such as a time in the past or an unknown link, is counted as `ignore refused` and printed on standard error.
 
 ```json
 {"type": "ignore", "number": 1, "token": "TOKEN", "link": "panda_hand", "ids": "part*", "until": 15.0,
@@ -159,13 +159,13 @@ AFTER_WATCH = """There is no answer but the verdicts that follow: their notes (`
 
 VERDICT = """## Verdicts
 
-`{"type": "verdict", …}`, once a tick. A controller obeys the newest one, and brakes where there is none that is still valid; when a run ends, its last verdict is a STOP.
+`{"type": "verdict", …}`, once a tick. The controller must obey the newest one, and brake if none is valid. When a run ends, its last verdict is a STOP.
 """
 
 REASONS = """A reason is a map:
 """
 
-HELD = """A level that is held, though its tick alone would earn a higher one, has a cause. The cause is a map:
+HELD = """A level that is held, although its tick alone would give a higher one, has a cause, a map:
 """
 
 CERTIFICATE = """A certificate is a map:
@@ -173,24 +173,24 @@ CERTIFICATE = """A certificate is a map:
 
 PLANS = """## Plans
 
-`{"type": "plan", …}`: what the controller is about to do, and what it asks. The cell file needs `motion = "planned"` in `[monitor]`.
+`{"type": "plan", …}`: what the controller will do, and what it asks. The cell file needs `motion = "planned"` in `[monitor]`.
 """
 
 ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one answer, `{"type": "plan_verdict", …}`, on the socket of the verdicts, in the tick in which it came. Of several that come in one tick the newest is judged; the others are refused for that.
 """
 
-SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer; one that is not as it should be is counted as `plan refused`, and narrows nothing.
+SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer. An incorrect one is counted as `plan refused`, and narrows nothing.
 """
 
 GOALS = """## Goals
 
-`{"type": "goal", …}`: what `armguard shield` is to do from now on, in place of what it was asked before ([Shield](shield.md#as-a-process)). A monitor without a shield refuses it.
+`{"type": "goal", …}`: what `armguard shield` must do from now on, in place of the goal before ([Shield](shield.md#as-a-process)). A monitor without a shield refuses it.
 """
 
 PATHS = """A path is a map:
 """
 
-AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late, or not as it should be, is refused: the one before goes on. It is counted as `goal refused`, told on standard error, and named in the commands that follow (`refused`, `problem`). Of several that come in one tick the newest one is taken. A goal has {goal_intake.MOST_PATHS} paths at most, which have {goal_intake.MOST_SAMPLES} samples together where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points at most. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: it has to be sent again and again, and one of zeros lets the arm come to rest. A path and a chunk are followed to their ends, whoever has fallen silent.
+AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late or incorrect is refused: the one before goes on. It is counted as `goal refused`, printed on standard error, and named in the commands that follow (`refused`, `problem`). Of several in one tick the newest counts. A goal has {goal_intake.MOST_PATHS} paths at most, which have {goal_intake.MOST_SAMPLES} samples together where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points at most. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: send it again and again; zeros bring the arm to rest. A path and a chunk are followed to their ends, even if the caller is silent.
 
 ```json
 {{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder", "elbow"],
@@ -201,18 +201,18 @@ AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. 
 
 COMMANDS = """## Commands
 
-`{"type": "command", …}`, once a tick of `armguard shield`, after the verdict: the motion that the arm is to follow to its rest. It was proved as a whole.
+`{"type": "command", …}`, once a tick of `armguard shield`, after the verdict: the motion that the arm must follow to its rest. It was proved as a whole.
 """
 
-AFTER_COMMANDS = f"""A controller follows one motion at a time, to its end, whatever is silent. It takes another one up where both hold, and else goes on along the one that it has:
+AFTER_COMMANDS = f"""A controller follows one motion at a time, to its end, even if all else is silent. It takes up another one if both hold; otherwise it goes on along its own:
 
 - It comes in time, by `take_up_by`.
-- It joins: at that time it has the arm within {command.SAME_PLACE:g} rad or m, and {command.SAME_VELOCITY:g} rad/s or m/s, of where the motion before has it. So a motion that went on from one that was lost is not taken up.
+- It joins: at that time it has the arm within {command.SAME_PLACE:g} rad or m, and {command.SAME_VELOCITY:g} rad/s or m/s, of where the motion before has it. So a motion that continues a lost one is not taken up.
 
-The verdict of the same tick needs no obedience beside that: `stop` of the command says when to brake.
+The controller need not obey the verdict of the same tick: `stop` of the command says when to brake.
 """
 
-TAIL = """A controller of committed pieces: ask for the next piece while the present one is under way; where the answer is no, or does not come, run the present one to its end, and rest.
+TAIL = """A controller of committed pieces asks for the next piece during the present one. If the answer is no, or does not come, it follows the present one to its end, at rest.
 
 ```python
 from armguard.streams import Publisher, VerdictReader
@@ -288,7 +288,7 @@ def write_page() -> str:
         write_table(answers.VerdictMessage),
         REASONS,
         write_table(reasons.ReasonMessage),
-        f"Kinds: {kinds}. [It says STOP: what now](troubleshooting.md) says what to do about each.\n",
+        f"Kinds: {kinds}. [Reasons](reasons.md) says what to do about each.\n",
         HELD,
         write_table(answers.HeldMessage),
         CERTIFICATE,

@@ -81,9 +81,9 @@ class Demo:
     person: Path | None = None
     """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
     obstacles: int = 0
-    """How many balls wander about the cell besides."""
+    """How many balls wander about the cell too."""
     shield: Flag = False
-    """A shield moves the arm, on proved motions alone; without it, the arm obeys verdicts."""
+    """A shield moves the arm, on proved motions only; without it, the arm obeys verdicts."""
     schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0
@@ -130,11 +130,21 @@ class Run:
     view: str | None = None
     """Address to bind for views to attach to, as `armguard view` does."""
     reset_token: str | None = None
-    """What `armguard reset` must bring to end a latched STOP; without one, none is obeyed."""
+    """Token that `armguard reset` must give to end a latched STOP; without one, none is obeyed."""
     record: Path | None = None
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     drive: Flag = False
     """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
+    sign: Path | None = None
+    """Sign the recording: the secret file that `armguard keys new --recordings` wrote."""
+    part_hours: float | None = None
+    """Let the recording go on in another file after so long."""
+    part_megabytes: float | None = None
+    """Let the recording go on in another file once one is so large."""
+    keep_days: float | None = None
+    """Remove files of recordings in that folder so long after their last change."""
+    expect: str | None = None
+    """Start only if the configuration has this digest, which a start tells."""
     no_realtime: Flag = False
     """Do not ask the system for real-time scheduling and memory kept in RAM."""
     duration: float = float("inf")
@@ -144,9 +154,9 @@ class Run:
     json_verdicts: Flag = False
     """Send verdicts and commands as JSON objects, not as msgpack maps."""
     premises: Flag = False
-    """Tell every premise that verdicts rest on, a line each."""
+    """Print every premise that verdicts rest on, a line each."""
     quiet: Flag = False
-    """Tell neither addresses nor changes of level, but only what is wrong with messages."""
+    """Print neither addresses nor changes of level, only errors in messages."""
     parent: int | None = None
     """End when this process is no longer the one that started this command."""
 
@@ -164,7 +174,7 @@ class Run:
 
 @command
 class Shield(Run):
-    """Move an arm on proved motions alone: goals and joint states streamed in, commands out.
+    """Move an arm on proved motions only: goals and joint states streamed in, commands out.
 
     Takes what `armguard run` takes, and goals beside it. The cell file needs [shield].
 
@@ -222,9 +232,11 @@ class Drive:
 
 @command
 class Replay:
-    """Lead a monitor through a recording: the same verdicts to the bit, or the first that differs.
+    """Replay a recording and check that its verdicts are the same, to the bit.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
+
+    Example: armguard replay run.mcap --verify --key keys/recorder.public
     """
 
     file: Positional[Path]
@@ -244,7 +256,11 @@ class Replay:
     explain: str | None = None
     """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
     what_if: str | None = None
-    """Which stops there would not have been with other settings: name=value, by commas."""
+    """Which stops other settings would have avoided: name=value, by commas."""
+    verify: Flag = False
+    """Replay nothing: find what was changed, removed, reordered or cut off since then."""
+    key: Path | None = None
+    """With --verify: the public file of the key that must have signed the recording."""
     csv: Path | None = None
     """Write a table of all verdicts; "-" is standard output."""
     view: Flag = False
@@ -267,7 +283,7 @@ class Replay:
 
 @command
 class Commission:
-    """Find in a recording of a few stops what an arm and its controller do, as lines to paste.
+    """Find an arm's limits and its controller's delays in a recording of stops, as lines to paste.
 
     Example: armguard commission run.mcap --out commissioned
     """
@@ -288,7 +304,7 @@ class Commission:
 
 @command
 class People:
-    """Say what recordings of tracked people hold: bounds, hidden joints, errors, lines to paste.
+    """Measure recordings of tracked people: bounds, hidden joints, errors, lines to paste.
 
     Reads what OpenPose (--3d), Azure Kinect, MediaPipe and ZED write as JSON, and Vicon's CSV.
 
@@ -389,9 +405,13 @@ class View:
 
 @command
 class Keys:
-    """Make keys, with which streams may leave this machine, and without which nothing is let in.
+    """Make keys, with which streams can leave this machine; nothing else is then let in.
+
+    Or a key that signs recordings, so that nobody else can change one unnoticed.
 
     Example: armguard keys new camera --dir keys
+
+    Example: armguard keys new recorder --recordings --dir keys
     """
 
     action: Positional[Literal["new"]]
@@ -400,12 +420,14 @@ class Keys:
     """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
     dir: Path = Path()
     """The folder to write NAME.secret and NAME.public into."""
+    recordings: Flag = False
+    """Make a pair that signs recordings, not one for streams."""
 
     def run(self) -> int:
         """Make them."""
-        from armguard.app.run import make_keys
+        from armguard.app.run import make_keys, make_signing_keys
 
-        return make_keys(self.name, self.dir)
+        return (make_signing_keys if self.recordings else make_keys)(self.name, self.dir)
 
 
 @command
@@ -595,7 +617,7 @@ class Tradeoff:
 
 @command
 class Extremes:
-    """Show what armguard does far away from everyday numbers: sound, how tight, or refused.
+    """Test armguard with extreme numbers: sound, how tight, or refused.
 
     Example: armguard extremes --out extremes.md
     """
@@ -637,7 +659,7 @@ class Paper:
 
 @command
 class Kernels:
-    """Compile everything now, so that no start has to: while an image or a wheel is built.
+    """Compile all kernels now, while an image or a wheel is built.
 
     Example: armguard kernels
     """
@@ -700,8 +722,8 @@ def describe_commands() -> str:
             lines.append(f"  {name:11} {(kind.__doc__ or '').splitlines()[0]}")
     lines += [
         "",
-        "`armguard COMMAND --help` tells the options of a command, with an example.",
-        "`armguard --version` tells what is installed. Example: armguard demo --duration 20",
+        "`armguard COMMAND --help` shows the options of a command, with an example.",
+        "`armguard --version` shows what is installed. Example: armguard demo --duration 20",
     ]
     return "\n".join(lines) + "\n"
 

@@ -15,7 +15,7 @@ import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -354,6 +354,8 @@ class RunOptions:
     """Bound for readers of verdicts."""
     record: Path | None = None
     """Where to write a recording: a new file, or a folder for one; None: nowhere."""
+    recorder_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """Further keywords of `Recorder`."""
     duration: float = math.inf
     """How long to run, in [s]."""
     reset_token: str | None = None
@@ -365,6 +367,8 @@ class RunOptions:
     """Whether verdicts, commands and answers are sent as JSON, not as msgpack."""
     moves: bool = False
     """Whether a shield moves the arm, as `[shield]` of the cell says."""
+    expect: str | None = None
+    """Digest that the configuration must have; None: any."""
 
 
 def run(
@@ -373,7 +377,7 @@ def run(
     *,
     authenticator: Authenticator | None = None,
     observer: Observer | None = None,
-    prepared: Callable[[Monitor], None] | None = None,
+    prepared: Callable[[Monitor, str], None] | None = None,
     listening: Callable[[Mapping[str, str]], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> LoopReport:
@@ -384,7 +388,8 @@ def run(
         options: Addresses, and what else is asked of the run.
         authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
         observer: Sees what the loop does.
-        prepared: Called with the monitor when everything is compiled, before the first tick.
+        prepared: Called with the monitor and the digest of its configuration when everything is
+            compiled, before the first tick.
         listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
             before the first tick.
         tell: Takes a line about a faulty message; must not block. Default: the log
@@ -404,8 +409,9 @@ def run(
         )
         for other in cell.make_other_arms()
     }
+    configuration = _digest_configuration(monitor, cell, options.expect)
     if prepared is not None:
-        prepared(monitor)
+        prepared(monitor, configuration)
     joint_state = cell.tables.joint_state
     clock = MonotonicClock()
     edge = Edge(
@@ -439,7 +445,10 @@ def run(
             if authenticator is not None:
                 resources.enter_context(authenticator)
         if options.record is not None:
-            log = RunRecording(armguard.Recorder(options.record, monitor), edge.faults, tell)
+            recorder = armguard.Recorder(
+                options.record, monitor, configuration=configuration, **options.recorder_options
+            )
+            log = RunRecording(recorder, edge.faults, tell)
             resources.callback(log.close)
             observers.insert(0, log)
         inputs: list[Input] = []
@@ -452,7 +461,11 @@ def run(
         # Verdicts must not be valid for longer than they are.
         offset = edge.times.offset - edge.times.offset_error
         publisher = VerdictPublisher(
-            options.verdicts_address, offset, authenticator, as_json=options.json_verdicts
+            options.verdicts_address,
+            offset,
+            authenticator,
+            as_json=options.json_verdicts,
+            configuration=configuration,
         )
         resources.callback(publisher.close)
         if listening is not None:
@@ -482,6 +495,25 @@ def run(
             return report
         log.recorder.write_pending()
         return report._replace(lost=log.recorder.lost)
+
+
+def _digest_configuration(monitor: Monitor, cell: Cell, expected: str | None) -> str:
+    """The digest of what a monitor was made with.
+
+    Raises:
+        ArmguardError: Another one is expected.
+    """
+    # Loaded here, since a monitor by itself needs none.
+    from armguard.monitor.configuration import digest_configuration
+
+    digest = digest_configuration(monitor, cell.describe())
+    if expected not in (None, digest):
+        raise ArmguardError(
+            "--expect",
+            f"is {expected}, and the digest of this configuration is {digest}",
+            remedy="find out what was changed since the other one was approved",
+        )
+    return digest
 
 
 def _make_stepper(

@@ -134,7 +134,7 @@ def describe_missing_limits(monitor: Monitor) -> str | None:
     )
     return (
         f"no operating limits are stated, so {robot.name} may do all that its hardware can until "
-        f"its brakes bite: at rest it counts on {1e3 * without:.0f} ms to stand, with the "
-        f'published ones on {1e3 * published:.0f} ms (operating = "published" in [robot], if its '
+        f"its brakes engage: from rest it needs {1e3 * without:.0f} ms to stop, with the "
+        f'published ones {1e3 * published:.0f} ms (operating = "published" in [robot], if its '
         "controller keeps to them)"
     )

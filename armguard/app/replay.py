@@ -31,6 +31,8 @@ from armguard.recording.bags import BagInputs, BagRun
 from armguard.recording.reading import Recording
 from armguard.recording.recorder import Recorder, check_new
 from armguard.recording.replay import Replay, ReplayedTick, ReplayReport
+from armguard.recording.signing import read_signing_key
+from armguard.recording.verification import verify
 from armguard.robot.description import list_robots
 from armguard.verdict import Level, Verdict, find_weightiest
 from armguard.view.export import check_export
@@ -89,6 +91,8 @@ def replay(wishes: cli.Replay) -> int:
     Raises:
         ArmguardError: A file or an option is unusable.
     """
+    if wishes.verify:
+        return verify_chain(wishes)
     is_of_others = bool(wishes.topics) or wishes.cell is not None
     check_options(wishes, is_of_others=is_of_others)
     return replay_bag(wishes) if is_of_others else replay_own(wishes)
@@ -115,6 +119,8 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
         raise ArmguardError(
             "--what-if", "is for armguard's own recordings", remedy="make one by --record"
         )
+    if wishes.key is not None:
+        raise ArmguardError("--key", "is for signatures", expected="--verify beside it")
     plain = type(wishes)(wishes.file)
     for name in ("radius", "snapshot", "stamps", "record"):
         if not is_of_others and getattr(wishes, name) != getattr(plain, name):
@@ -126,6 +132,45 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
         check_export(wishes.export)
 
 
+def verify_chain(wishes: cli.Replay) -> int:
+    """Find what was changed in a recording since it was written, and print it.
+
+    Args:
+        wishes: What the command line says.
+
+    Returns:
+        The exit code: 0, or 1 where something was changed, is missing, or has no end.
+
+    Raises:
+        ArmguardError: The file or the key cannot be used, or an option is for replays.
+    """
+    plain = type(wishes)(wishes.file, verify=True, key=wishes.key, json=wishes.json)
+    if wishes != plain:
+        raise ArmguardError(
+            "--verify", "replays nothing", expected="no other option than --key and --json"
+        )
+    results = verify(wishes.file, None if wishes.key is None else read_signing_key(wishes.key))
+    console = make_console(stderr=wishes.json, soft_wrap=True)
+    for one in results:
+        told = "intact" if one.is_intact else "not intact"
+        signed = f"signed by {', '.join(one.keys)}" if one.keys else "not signed"
+        console.print(f"{one.path}: {told}; {one.chunks} chunks are as they were, {signed}")
+        for problem in one.problems:
+            console.print(f"  {problem}")
+    is_intact = all(one.is_intact for one in results)
+    if is_intact and wishes.key is None:
+        console.print(
+            "who wrote it is not known without --key: whoever can write the file can write all of "
+            "it anew"
+        )
+    if wishes.json:
+        found = [
+            {**one._asdict(), "path": str(one.path), "intact": one.is_intact} for one in results
+        ]
+        print_json(lambda: {"intact": is_intact, "files": found})
+    return 0 if is_intact else COMPLAINT
+
+
 def replay_own(wishes: cli.Replay) -> int:
     """As `replay`, of a recording that `--record` or a `Recorder` wrote."""
     recording = Recording(wishes.file)
@@ -135,7 +180,8 @@ def replay_own(wishes: cli.Replay) -> int:
     run = Replay(recording, changes)
     stops, watch, took = lead(run.monitor, run.ticks(), wishes)
     report, explained = run.report(), explain_tick(run.monitor, watch)
-    found = summarise(report, stops, took, changes)
+    configuration = recording.provenance.get("configuration", "")
+    found = summarise(report, stops, took, changes, configuration)
     words: Sequence[str | Table] = describe_replay(recording, report, stops, took)
     if changes:
         words = describe_changes(stops, changes)
@@ -439,10 +485,11 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
 
 
 def summarise(
-    report: ReplayReport, stops: StopList, took: float, changes: dict[str, str]
+    report: ReplayReport, stops: StopList, took: float, changes: dict[str, str], configuration: str
 ) -> dict[str, Any]:
     """The object that `--json` prints."""
     return {
+        "configuration": configuration,
         "ticks": report.ticks,
         "compared": report.compared,
         "identical": report.is_identical,
@@ -465,7 +512,8 @@ def describe_replay(
     faster = stops.seconds / took if took > 0.0 else math.inf
     words = [
         f"{recording.path}: {report.ticks} verdicts, {len(stops.stops)} stops in "
-        f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast"
+        f"{stops.seconds:.1f} s, replayed {faster:.1f} times as fast",
+        f"configuration {recording.provenance.get('configuration', 'unknown')}",
     ]
     if report.is_cut_off:
         words.append(

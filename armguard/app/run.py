@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import shlex
 import socket
 import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -45,6 +46,12 @@ if TYPE_CHECKING:
 REACH_TIMEOUT = 3.0
 """How long `armguard reset` waits for the monitor, and for its answer, in [s]."""
 
+HOUR, DAY = 3600.0, 86_400.0
+"""[s]."""
+
+MEGABYTE = 1e6
+"""[bytes]."""
+
 PROGRESS_INTERVAL = 2.0
 """Between two lines about the progress of long work where there is no terminal, in [s]."""
 
@@ -69,16 +76,19 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         check_new(wishes.record)
     if wishes.drive:
         check_driver(cell, wishes)
+    recorder_options = read_recorder_options(wishes)
     options = RunOptions(
         wishes.obstacles,
         wishes.joints,
         wishes.verdicts,
         record=wishes.record,
+        recorder_options=recorder_options,
         duration=wishes.duration,
         reset_token=wishes.reset_token,
         realtime=not wishes.no_realtime,
         json_verdicts=wishes.json_verdicts,
         moves=moves,
+        expect=wishes.expect,
     )
     inputs = (wishes.obstacles, wishes.joints or JOINTS_ADDRESS)
     console = make_console(stderr=True)
@@ -126,9 +136,11 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
             for line in told:
                 announcer.tell(line)
 
-        def tell_prepared(monitor: Monitor) -> None:
+        def tell_prepared(monitor: Monitor, configuration: str) -> None:
             waiting.stop()
-            observer.monitor = monitor
+            observer.monitor, observer.configuration = monitor, configuration
+            if not wishes.quiet:
+                announcer.tell(f"configuration {configuration}")
             if monitor.choice is not None and not wishes.quiet:
                 for line in monitor.choice.summary:
                     announcer.tell(f"settings chosen: {line}")
@@ -185,6 +197,38 @@ def check_driver(cell: Cell, wishes: cli.Run) -> None:
             f"cannot be used: {why}",
             remedy="start `armguard drive` by itself; it takes --key and --server-key",
         )
+
+
+def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
+    """What the command line says of the recording, as keywords of `Recorder`.
+
+    Raises:
+        ArmguardError: There is no recording of which it is said, or the key cannot be used.
+    """
+    amounts = {
+        "--part-hours": wishes.part_hours,
+        "--part-megabytes": wishes.part_megabytes,
+        "--keep-days": wishes.keep_days,
+    }
+    if wishes.record is None:
+        for name, told in {"--sign": wishes.sign, **amounts}.items():
+            if told is not None:
+                raise ArmguardError(name, "is for recordings", expected="--record beside it")
+        return {}
+    from armguard.recording.parts import Rotation
+    from armguard.recording.signing import FileSigner
+
+    for name, value in amounts.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ArmguardError(name, f"is {value}", expected="a number above 0")
+    if wishes.sign is not None:
+        FileSigner(wishes.sign)
+    rotation = Rotation(
+        duration=wishes.part_hours and wishes.part_hours * HOUR,
+        size=wishes.part_megabytes and wishes.part_megabytes * MEGABYTE,
+        keep=wishes.keep_days and wishes.keep_days * DAY,
+    )
+    return {"key": wishes.sign, "rotation": rotation}
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:
@@ -288,6 +332,31 @@ def make_keys(name: str, folder: Path) -> int:
     return 0
 
 
+def make_signing_keys(name: str, folder: Path) -> int:
+    """Make a key pair that signs recordings, and tell what to do with it; the exit code.
+
+    Args:
+        name: Of who records.
+        folder: Where its two files go.
+
+    Raises:
+        ArmguardError: A file is there already, or cannot be written, or the package for signatures
+            is missing.
+    """
+    from armguard.recording.signing import write_signing_pair
+
+    secret, public, key = write_signing_pair(name, folder)
+    make_console().print(
+        f"{secret}: stays on the machine that records, for its owner alone to read\n"
+        f"{public}: for all that verify its recordings; keep a copy elsewhere\n"
+        f"public key: {key}\n\n"
+        f"armguard run CELL --record FOLDER --sign {shlex.quote(str(secret))}\n"
+        f"armguard replay FILE --verify --key {shlex.quote(str(public))}",
+        soft_wrap=True,
+    )
+    return 0
+
+
 def send_reset(wishes: cli.Reset) -> int:
     """Send a reset to a running monitor and tell its answer; the exit code, 1 if not obeyed.
 
@@ -384,6 +453,8 @@ class _Observer(Observer):
         self._feed: MonitorFeed | None = None
         self.monitor: Monitor | None = None
         """What is observed, once it is there."""
+        self.configuration = ""
+        """Digest of what it was made with."""
 
     def begin(self, addresses: Mapping[str, str], *, obeys_reset: bool) -> None:
         """Tell the views of the cell, before the first tick.
@@ -405,6 +476,7 @@ class _Observer(Observer):
             obeys_reset=obeys_reset,
             arm=self._cell.arm,
             recording=self._recording,
+            configuration=self.configuration,
         )
         self._feed = MonitorFeed(self.monitor, self._publisher, origin)
 

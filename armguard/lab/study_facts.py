@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeElapsedColumn
 
 from armguard.app.terminal import describe_column, make_console
-from armguard.recording.provenance import describe_software
+from armguard.monitor.provenance import describe_software
 
 Tell = Callable[[str, float], None]
 """Is told what is done, and which share of that is done."""

@@ -103,6 +103,9 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """greatest speed at which an obstacle could be touched before the arm rests, [m/s]; 0 where no
     contact is possible by then, infinite where nothing is proved, nil where no contact limits are
     stated"""
+    configuration: str | None
+    """digest of what the monitor was made with, as `armguard run` tells it at its start; nil where
+    nobody tells it"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -238,15 +241,19 @@ def to_plan_message(number: int, verdict: PlanVerdict) -> PlanVerdictMessage:
     return PlanVerdictMessage(number, safe, contact_time, link, obstacle, write_reasons(reasons))
 
 
-def encode_verdict(verdict: Verdict, offset: float, *, as_json: bool = False) -> bytes:
+def encode_verdict(
+    verdict: Verdict, offset: float, *, configuration: str | None = None, as_json: bool = False
+) -> bytes:
     """A verdict as a msgpack map, or as a JSON object.
 
     Args:
         verdict: In the monitor's own time.
         offset: Machine's monotonic clock minus the monitor's, in [s].
+        configuration: Digest of what the monitor was made with; None: it is not told.
         as_json: Whether it is JSON.
     """
     message = to_verdict_message(verdict)
+    message.configuration = configuration
     message.stamp = verdict.stamp + offset
     # Never too long.
     message.valid_until = math.nextafter(verdict.valid_until + offset, -math.inf)

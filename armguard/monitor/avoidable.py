@@ -48,11 +48,11 @@ def list_remedies(
     if in_force.payload > 0.0:
         with in_force.pretend(payload=0.0):
             if rests():
-                remedies.append(f"nothing carried, instead of {in_force.payload:g} kg")
+                remedies.append(f"carrying nothing, instead of {in_force.payload:g} kg")
     if not has_operating and robot.published_operating_limits is not None:
         with in_force.pretend(operating=OperatingLimits.published(robot)):
             if rests():
-                remedies.append("operating limits as published, if the controller keeps to them")
+                remedies.append("the published operating limits, if the controller enforces them")
     whole = response_time + braking.reaction_time
     least = _find_greatest(lambda part: rests(delay=part * whole))
     if least is not None:

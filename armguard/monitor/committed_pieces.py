@@ -525,8 +525,8 @@ class CommittedPieces:
                 names = scheduler.arm.names(row * watched.shape[1] + link)
                 return refuse_plan(
                     f"{names[0]} and {names[1]}",
-                    f"{names[1]} is touched: the arm may only rest, or surely recede from it on "
-                    "the whole piece",
+                    f"{names[1]} is touched: the arm may only rest, or recede from it on the whole "
+                    "piece",
                 )
         return None
 

@@ -160,7 +160,7 @@ def describe_unbraked(states: JointStates, age: float) -> Reason | None:
         ReasonKind.BRAKES_NOT_COVERED,
         name,
         f"moves at {guard.v[joint]:.3g} {unit}, and may reach {found} {unit} in the "
-        f"{_spell_time(delay)} until its brakes bite, which are stated up to {limit} {unit}",
+        f"{_spell_time(delay)} until its brakes engage, which are stated up to {limit} {unit}",
     )
 
 

@@ -328,6 +328,7 @@ class Judge:
                 cause,
                 contact.harm_time,
                 contact.speed,
+                None,  # the configuration is told by who publishes
             ),
         )
 

@@ -79,7 +79,7 @@ def describe_no_sources(obstacles: Obstacles) -> Reason:
     """What it means that no source was named or heard: STOP, unless that was said."""
     if not obstacles.expects_sources:
         return Reason(ReasonKind.NO_SOURCES_EXPECTED)
-    detail = "none was named and none was heard; Obstacles(sources=[]) says that there is none"
+    detail = "none was named and none has sent; Obstacles(sources=[]) says that there is none"
     return Reason(ReasonKind.NO_SOURCES, detail=detail)
 
 

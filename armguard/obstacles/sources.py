@@ -256,7 +256,7 @@ class Sources:
         if state.heard:
             return f"newest stamp {now - state.newest:.3g} s old, expected at most {timeout:g} s"
         strangers = [repr(one.source.name) for one in self.states if one.heard and not one.is_named]
-        told = f"never heard, expected a message every {timeout:g} s or sooner"
+        told = f"nothing received, expected a message every {timeout:g} s or sooner"
         if strangers:
             told += f"; {', '.join(strangers[:3])} sends data, but was not named: a misspelling?"
         return told

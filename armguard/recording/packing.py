@@ -1,4 +1,4 @@
-"""The bytes in which the loop hands messages to the process that writes: a header, and msgpack."""
+"""What the loop hands to the process that writes: options at its start, and messages as bytes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,24 @@ import msgspec
 
 from armguard.messages.incoming import to_plain
 from armguard.recording.events import KINDS
+from armguard.recording.parts import NO_ROTATION, Rotation
 
 ATTACHED, NOTED = range(len(KINDS), len(KINDS) + 2)
 """Instead of a kind: what stands in the file once, as an attachment or as metadata."""
 
 _HEADER = struct.Struct("<Bq")
 """Kind of the content, by its place in `KINDS`, and when it came, in [ns] since 1970."""
+
+
+class WriterOptions(msgspec.Struct, frozen=True):
+    """What the process that writes is told beside its descriptors."""
+
+    path: str
+    """The first file."""
+    key: str = ""
+    """Secret file of the key that signs; empty: none does."""
+    rotation: Rotation = NO_ROTATION
+    """When the recording goes on in another file."""
 
 
 _encode = msgspec.msgpack.Encoder(enc_hook=to_plain).encode

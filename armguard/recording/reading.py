@@ -1,4 +1,4 @@
-"""Reads a recording: up to its end, or as far as it goes.
+"""Reads a recording, through all its files: up to its end, or as far as it goes.
 
 A file whose writer was killed has no end. It is read from the front, record by record, up to the
 last that is whole, and so needs no index.
@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from armguard.exceptions import ArmguardError
+from armguard.recording.chain import LINK
 from armguard.recording.events import FORMAT, PREFIX, TOPICS, Event
 from armguard.recording.json_form import read_json
+from armguard.recording.parts import find_part, is_begun
 from armguard.recording.recorder import check_installed
 
 LONGEST_RECORD = 256 * 1024 * 1024
@@ -25,7 +27,8 @@ LONGEST_RECORD = 256 * 1024 * 1024
 
 MAGIC = b"\x89MCAP0\r\n"
 
-_FRAME = struct.Struct("<BQ")
+FRAME = struct.Struct("<BQ")
+"""Opcode and length in front of each record."""
 
 _KINDS = {PREFIX + topic: kind for kind, topic in TOPICS.items()}
 
@@ -51,7 +54,8 @@ class Recording:
         provenance: What the recorded verdicts rest on; see `provenance.NAMES`.
         settings: What the monitor and its table were made with.
         robot: The arm, as plain data.
-        is_cut_off: Whether the file ends without an end; known once all events were read.
+        is_cut_off: Whether the file ends without an end, or the file in which it goes on is
+            missing; known once all events were read.
 
     Raises:
         ArmguardError: The file cannot be read, is no recording of armguard, or one of a later
@@ -66,9 +70,10 @@ class Recording:
         self.is_cut_off = False
         self.provenance: dict[str, str] = {}
         attached: dict[str, bytes] = {}
-        for record in self._read_records():
+        for record in self._read_records(self.path):
             if isinstance(record, Metadata) and record.name == "armguard":
                 self.provenance = dict(record.metadata)
+                self._check_part(self.provenance.pop("part", "1"))
                 self._check_format(self.provenance.get("format", ""))
             elif isinstance(record, Attachment):
                 attached[record.name] = record.data
@@ -94,7 +99,7 @@ class Recording:
             ) from None
 
     def events(self) -> Iterator[TimedEvent]:
-        """All events, in order.
+        """All events, in order, also those of the files in which the recording goes on.
 
         Raises:
             ArmguardError: One of them is not as this version writes it.
@@ -102,7 +107,7 @@ class Recording:
         from mcap.records import Channel, Message
 
         channels: dict[int, type[Event] | None] = {}
-        for record in self._read_records():
+        for record in self._read_parts():
             if isinstance(record, Channel):
                 channels[record.id] = _KINDS.get(record.topic)
             elif isinstance(record, Message):
@@ -130,7 +135,35 @@ class Recording:
                 remedy=f"replay it with the version that wrote it, armguard {version}",
             )
 
-    def _read_records(self) -> Iterator[Any]:
+    def _check_part(self, part: str) -> None:
+        if part != "1":
+            raise ArmguardError(
+                str(self.path),
+                f"is part {part} of a recording",
+                expected="its first part, from which on a replay needs all",
+                remedy="`armguard replay --verify` takes any part",
+            )
+
+    def _read_parts(self) -> Iterator[Any]:
+        """Records of the file, and of those in which the recording goes on."""
+        from mcap.records import Metadata
+
+        path, part = self.path, 1
+        while True:
+            goes_on = False
+            for record in self._read_records(path):
+                if isinstance(record, Metadata) and record.name == LINK:
+                    goes_on = bool(record.metadata.get("next"))
+                yield record
+            if not goes_on:
+                return
+            part += 1
+            path = find_part(self.path, 1, part)
+            if not is_begun(path):
+                self.is_cut_off = True
+                return
+
+    def _read_records(self, path: Path) -> Iterator[Any]:
         """Metadata, attachments, and what is in chunks, as the package mcap has them."""
         import zstandard
         from mcap.data_stream import ReadDataStream
@@ -140,7 +173,7 @@ class Recording:
         from mcap.stream_reader import breakup_chunk
 
         try:
-            for opcode, content in self._read_frames():
+            for opcode, content in self._read_frames(path):
                 stream = ReadDataStream(io.BytesIO(content))
                 if opcode == Opcode.METADATA:
                     yield Metadata.read(stream)
@@ -160,22 +193,22 @@ class Recording:
             struct.error,
             zstandard.ZstdError,
         ) as error:
-            raise ArmguardError(str(self.path), f"is damaged ({error})") from None
+            raise ArmguardError(str(path), f"is damaged ({error})") from None
         self.is_cut_off = True
 
-    def _read_frames(self) -> Iterator[tuple[int, bytes]]:
+    def _read_frames(self, path: Path) -> Iterator[tuple[int, bytes]]:
         """Opcode and content of each record that is whole."""
         try:
-            with self.path.open("rb") as file:
+            with path.open("rb") as file:
                 start = file.read(len(MAGIC))
                 if start != MAGIC:
                     problem = "is empty" if not start else "is no MCAP file"
-                    raise ArmguardError(str(self.path), problem, expected="a recording of armguard")
+                    raise ArmguardError(str(path), problem, expected="a recording of armguard")
                 while True:
-                    header = file.read(_FRAME.size)
-                    if len(header) < _FRAME.size:
+                    header = file.read(FRAME.size)
+                    if len(header) < FRAME.size:
                         return
-                    opcode, length = _FRAME.unpack(header)
+                    opcode, length = FRAME.unpack(header)
                     if length > LONGEST_RECORD:
                         raise ValueError(f"a record is {length} bytes long")
                     content = file.read(length)
@@ -183,4 +216,4 @@ class Recording:
                         return
                     yield opcode, content
         except OSError as error:
-            raise ArmguardError(str(self.path), f"cannot be read ({error.strerror})") from None
+            raise ArmguardError(str(path), f"cannot be read ({error.strerror})") from None

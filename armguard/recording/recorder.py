@@ -28,7 +28,10 @@ from armguard.exceptions import ArmguardError
 from armguard.messages.answers import to_plan_message, to_verdict_message
 from armguard.messages.batch import ObstacleBatch, pack_batch
 from armguard.messages.events import FaultsTaken, Payload, StaticObstacle, TetherStated
+from armguard.monitor.configuration import digest_configuration
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.portable import describe_settings
+from armguard.monitor.provenance import describe_provenance
 from armguard.recording.events import (
     FORMAT,
     NUMBERS,
@@ -40,10 +43,10 @@ from armguard.recording.events import (
     Time,
 )
 from armguard.recording.inputs import make_plan, make_state
-from armguard.recording.packing import ATTACHED, NOTED, pack_record
-from armguard.recording.provenance import describe_provenance
+from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
+from armguard.recording.parts import NO_ROTATION, Rotation, name_by_time, open_file
 from armguard.recording.ring import Ring, create_memory
-from armguard.recording.settings import describe_settings
+from armguard.recording.signing import FileSigner
 from armguard.robot.portable import describe_bodies, describe_robot
 from armguard.verdict import PlanVerdict, Verdict
 
@@ -80,9 +83,13 @@ class Recorder:
         path: The file, which must not exist yet; or a folder, for a file named by the time.
         monitor: Whose inputs and verdicts are written.
         capacity: Bytes that may wait for the disk; what comes beyond is lost, and a gap is written.
+        key: Secret file of the key that signs the file, as `armguard keys new --recordings` writes
+            it; None: it is not signed.
+        rotation: When the recording goes on in another file, and how long files are kept.
+        configuration: Digest of what the monitor was made with; None: that of the monitor itself.
 
     Attributes:
-        path: The file.
+        path: The file; the first one, where the recording goes on in others.
         lost: Events so far that were lost.
         pid: The process that writes the file.
 
@@ -91,9 +98,21 @@ class Recorder:
             cannot be made anew from a recording, or the packages for recordings are missing.
     """
 
-    def __init__(self, path: str | Path, monitor: Monitor, *, capacity: int = CAPACITY) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        monitor: Monitor,
+        *,
+        capacity: int = CAPACITY,
+        key: str | Path | None = None,
+        rotation: Rotation = NO_ROTATION,
+        configuration: str | None = None,
+    ) -> None:
         check_installed()
         _check_untouched(monitor)
+        rotation.check()
+        if key is not None:
+            FileSigner(key)  # a mistake is told here, and not by the process that writes
         self._monitor, self._robot = monitor, monitor.robot
         self._joints = list(monitor.robot.joints)
         self._plans = 0
@@ -107,8 +126,11 @@ class Recorder:
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
-        start = self._describe_start()
+        start = self._describe_start(configuration or digest_configuration(monitor))
         self.path, file = open_new(Path(path))
+        options = WriterOptions(
+            str(self.path.absolute()), "" if key is None else str(Path(key).absolute()), rotation
+        )
         memory = create_memory(capacity)
         try:
             self._process = subprocess.Popen(
@@ -117,6 +139,7 @@ class Recorder:
                     "-m",
                     "armguard.recording",
                     *map(str, (memory, file, os.getpid())),
+                    msgspec.json.encode(options).decode(),
                 ],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(memory, file),
@@ -269,12 +292,13 @@ class Recorder:
         if not (self._stepping and isinstance(message, FaultsTaken)):
             self._note(lambda: message)
 
-    def _describe_start(self) -> list[tuple[int, tuple[Any, ...]]]:
+    def _describe_start(self, configuration: str) -> list[tuple[int, tuple[Any, ...]]]:
         """What stands once at the start of the file."""
         monitor = self._monitor
         provenance = {
             "format": str(FORMAT),
             **describe_provenance(monitor.robot),
+            "configuration": configuration,
             "monotonic_offset_ns": str(self._clock_offset),
         }
         robot = msgspec.json.encode(describe_robot(monitor.robot))
@@ -404,12 +428,10 @@ def open_new(path: Path) -> tuple[Path, int]:
         ArmguardError: It is there already, or cannot be written.
     """
     if path.is_dir():
-        # A service that is started anew may be so within a second.
-        path = path / f"{time.strftime('armguard-%Y%m%dT%H%M%S')}-{os.getpid()}.mcap"
+        path = path / name_by_time()
     check_new(path)
     try:
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
-        return path, os.open(path, flags, 0o644)
+        return path, open_file(path)
     except OSError as error:
         raise ArmguardError(str(path), f"cannot be written ({error.strerror})") from None
 

@@ -46,6 +46,7 @@ from armguard.messages.incoming import (
     to_rows,
 )
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.provenance import describe_provenance, list_differences
 from armguard.obstacles.obstacles import Obstacles
 from armguard.recording.events import (
     BodiesChanged,
@@ -57,7 +58,6 @@ from armguard.recording.events import (
 )
 from armguard.recording.inputs import restore_plan, restore_state
 from armguard.recording.json_form import write_json
-from armguard.recording.provenance import describe_provenance, list_differences
 from armguard.recording.reading import Recording
 from armguard.recording.settings import change_settings, make_monitor, make_obstacles
 from armguard.robot.portable import RestoredRobot

@@ -143,7 +143,7 @@ class Scene:
 
     Args:
         robot: The arm, as `armguard.robot.portable.describe_robot` describes it.
-        settings: As `armguard.recording.settings.describe_settings` describes them.
+        settings: As `armguard.monitor.portable.describe_settings` describes them.
     """
 
     def __init__(self, robot: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""What a monitor and its table were made with, as plain data, and made anew with changes."""
+"""A monitor and its table made anew from what `armguard.monitor.portable` says, with changes."""
 
 from __future__ import annotations
 
@@ -6,38 +6,25 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import pinocchio
 
 from armguard.exceptions import ArmguardError
 from armguard.monitor.monitor import Monitor
+from armguard.monitor.portable import write_value
 from armguard.monitor.settings import read_settings
 from armguard.obstacles.broken_bounds import BODY_LIMITS
 from armguard.obstacles.frames import Frame
 from armguard.obstacles.obstacles import Obstacles
 from armguard.obstacles.sources import Source
 from armguard.robot.operating_limits import OperatingLimits
-from armguard.robot.portable import read_numbers, write_number, write_numbers
+from armguard.robot.portable import read_numbers, write_numbers
 from armguard.robot.robot import Robot
 from armguard.scheduling.paper.daa import DaaSchedule
-from armguard.scheduling.paper.full import FullSchedule
 from armguard.settings.contact_limits import ContactLimit, ContactLimits
 from armguard.settings.declarations import Declaration, read_declarations
 from armguard.settings.schedule import Schedule
 from armguard.settings.separation_rule import SeparationRule
 from armguard.settings.settings import REMOVED, Settings
-
-FORMS: Mapping[Any, tuple[str, ...]] = {
-    pinocchio.SE3: ("rotation", "translation"),
-    Frame: ("rotation", "translation", "position_error"),
-    OperatingLimits: ("velocity", "acceleration"),
-    SeparationRule: SeparationRule.__struct_fields__,
-    ContactLimits: ContactLimits.__struct_fields__,
-    ContactLimit: ContactLimit.__struct_fields__,
-    DaaSchedule: ("period", "law", "sort"),
-    Source: ("name", "timeout", "required", "on_refusal", "latency", "rate"),
-}
-"""Attributes that stand for a value of these types."""
 
 READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
     pinocchio.SE3: lambda data: pinocchio.SE3(
@@ -58,21 +45,6 @@ LIMITS = "contact_limits"
 
 OWN_WORDS = ("operating", LIMITS)
 """Settings that are no plain values, and that a word can change."""
-
-
-def describe_settings(monitor: Monitor) -> dict[str, Any]:
-    """What a monitor and its table were made with, as plain data.
-
-    Raises:
-        ArmguardError: The schedule is one of the application's own.
-    """
-    settings, table = monitor.settings, monitor.obstacles.settings
-    return {
-        "monitor": {name: _write(getattr(settings, name)) for name in read_declarations(Settings)},
-        "obstacles": _write(table._asdict()),
-        # For people alone: what was chosen stands among the settings above.
-        "choice": None if monitor.choice is None else monitor.choice._asdict(),
-    }
 
 
 def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
@@ -167,7 +139,7 @@ def _choose_operating(text: str, robot: Robot) -> dict[str, Any] | None:
         return None
     if text != "published":
         raise ArmguardError("operating", f"is {text!r}", expected='"published" or "none"')
-    published: dict[str, Any] = _write(OperatingLimits.published(robot))
+    published: dict[str, Any] = write_value(OperatingLimits.published(robot))
     return published
 
 
@@ -179,30 +151,6 @@ def _read_number(name: str, text: str) -> float:
     if math.isnan(number):
         raise ArmguardError(name, f"is {text!r}", expected="a number")
     return number
-
-
-def _write(value: Any) -> Any:
-    """A value of a setting as plain data."""
-    if type(value) in FORMS:
-        return {name: _write(getattr(value, name)) for name in FORMS[type(value)]}
-    if type(value) is FullSchedule:
-        return "full"
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return write_number(value)
-        case np.ndarray():
-            return write_numbers(value)
-        case dict():
-            return {name: _write(one) for name, one in value.items()}
-        case list() | tuple():
-            return [_write(one) for one in value]
-    raise ArmguardError(
-        "schedule",
-        f"is a {type(value).__name__} of the application's own",
-        expected="one of armguard's, which alone can be made anew from a recording",
-    )
 
 
 def _read(declaration: Declaration, data: Any) -> Any:

@@ -1,7 +1,8 @@
-"""The process that writes a recording: what it finds in shared memory goes into an MCAP file.
+"""The process that writes a recording: what it finds in shared memory goes into MCAP files.
 
-What it has written is whole up to the last chunk, twice a second, whichever process is killed. A
-disk that is slow holds up this process alone; one that is full is tried again, and again.
+What it has written is whole up to the last chunk, whichever process is killed. Twice a second the
+chunk is ended, and all that there is goes to the disk. A disk that is slow holds up this process
+alone; one that is full is tried again, and again.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import os
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -19,17 +22,18 @@ import msgspec
 from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import StaticObstacle
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
-from armguard.recording.events import KINDS, PREFIX, TOPICS, Event, JointState, schema_name
-from armguard.recording.json_form import make_schema, write_json
-from armguard.recording.packing import ATTACHED, NOTED, unpack_record
+from armguard.recording.chain import FIRST
+from armguard.recording.events import NUMBERS, Event, JointState, Log, Time
+from armguard.recording.json_form import write_json
+from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, unpack_record
+from armguard.recording.part_writer import SCENE, PartWriter
+from armguard.recording.parts import find_part, open_file, remove_old
 from armguard.recording.ring import Ring
-from armguard.recording.scene import INTERVAL, SCENE_SCHEMA, Scene, SceneUpdate
+from armguard.recording.scene import INTERVAL, Scene
+from armguard.recording.signing import FileSigner
 
 FLUSH_INTERVAL = 0.5
 """Between two chunks at most, in [s]: so much is lost when this process is killed."""
-
-CHUNK_SIZE = 1024 * 1024
-"""Bytes after which a chunk is ended sooner."""
 
 PAUSE = 0.05
 """Between two looks into the memory, in [s]: what came meanwhile is written at once, which takes
@@ -58,18 +62,18 @@ class PatientFile:
 
     def __init__(self, descriptor: int) -> None:
         self.problem = ""
-        self._descriptor = descriptor
-        self._unwritten = bytearray()
+        self._waiting = deque([(descriptor, bytearray())])
+        """Files, and bytes that wait for them; the last one is written to."""
         self._length = 0
 
     @property
     def unwritten(self) -> int:
         """Bytes that wait for the disk."""
-        return len(self._unwritten)
+        return sum(len(data) for _, data in self._waiting)
 
     def write(self, data: bytes) -> int:
         """Take bytes; `flush` writes them."""
-        self._unwritten += data
+        self._waiting[-1][1].extend(data)
         self._length += len(data)
         return len(data)
 
@@ -77,13 +81,23 @@ class PatientFile:
         """How long the file will be."""
         return self._length
 
+    def go_on(self, descriptor: int) -> None:
+        """Write to another file from now on; this one is closed once all of it is on the disk."""
+        self._waiting.append((descriptor, bytearray()))
+        self._length = 0
+
     def flush(self) -> None:
         """Write what the disk takes."""
         try:
-            while self._unwritten:
-                written = os.write(self._descriptor, self._unwritten)
-                del self._unwritten[:written]
-            self._sync()
+            while True:
+                descriptor, data = self._waiting[0]
+                while data:
+                    del data[: os.write(descriptor, data)]
+                _sync(descriptor)
+                if len(self._waiting) == 1:
+                    break
+                self._waiting.popleft()
+                os.close(descriptor)
             self.problem = ""
         except OSError as error:
             problem = error.strerror or str(error)
@@ -91,60 +105,51 @@ class PatientFile:
                 sys.stderr.write(f"armguard: the recording cannot be written: {problem}\n")
             self.problem = problem
 
-    def _sync(self) -> None:
-        try:
-            os.fdatasync(self._descriptor)
-        except OSError as error:
-            if error.errno not in (errno.EINVAL, errno.EROFS):  # a pipe has nothing to sync
-                raise
+
+def _sync(descriptor: int) -> None:
+    try:
+        os.fdatasync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EROFS):  # a pipe has nothing to sync
+            raise
 
 
 class RecordingWriter:
-    """Makes an MCAP file of events.
+    """Makes MCAP files of events.
 
     Args:
         file: Takes the bytes.
+        options: What else it is told.
     """
 
-    def __init__(self, file: PatientFile) -> None:
-        # Here, since most of armguard works without recordings.
-        from mcap.writer import CompressionType, IndexType, Writer
-
+    def __init__(self, file: PatientFile, options: WriterOptions) -> None:
         self._file = file
-        # Its types are incomplete, and it needs no more of a file than this one has.
-        self._writer: Any = Writer(
-            file,  # type: ignore[arg-type]
-            chunk_size=CHUNK_SIZE,
-            compression=CompressionType.ZSTD,
-            index_types=IndexType.ALL,
-        )
-        self._writer.start(profile="", library="armguard")
-        self._channels = [
-            self._register(PREFIX + TOPICS[kind], schema_name(kind), make_schema(kind))
-            for kind in KINDS
-        ]
-        self._scene_channel = self._register(
-            f"{PREFIX}scene", SCENE_SCHEMA, make_schema(SceneUpdate)
-        )
+        self._path, self._rotation = Path(options.path), options.rotation
+        self._signer = FileSigner(options.key) if options.key else None
+        self._part = 1
+        self._begun: float | None = None
+        self._writer = PartWriter(file, 1, FIRST, self._signer)
+        self._start: list[tuple[int, int, Any]] = []
+        """What stands in front of each part: kind, time and content."""
         self._attached: dict[str, Any] = {}
         self._scene: Scene | None = None
         self._next_scene = 0
         self._last_time = 0
-        self._count = 0
         self._last_state: JointState | None = None
+        self._problem = ""
 
     def take(self, record: bytes) -> None:
         """Write one message, as `Recorder` sends it."""
         kind, nanoseconds, content = unpack_record(record)
-        if kind == NOTED:
-            self._writer.add_metadata(*content)
-            return
-        if kind == ATTACHED:
-            self._attach(nanoseconds, *content)
+        if kind in (ATTACHED, NOTED):
+            self._start.append((kind, nanoseconds, content))
+            self._write_start(kind, nanoseconds, content)
+            if kind == ATTACHED:
+                self._look_at(*content)
             return
         # Messages are in order in the file; their times say so as well.
         self._last_time = max(nanoseconds, self._last_time + 1)
-        self._write(self._channels[kind], self._last_time, write_json(content))
+        self._writer.write(kind, self._last_time, write_json(content))
         if self._scene is None:
             return
         try:
@@ -154,27 +159,69 @@ class RecordingWriter:
             self._scene = None
             sys.stderr.write(f"armguard: the recording has no scene from here on: {error!r}\n")
 
-    def flush(self) -> None:
-        """End the chunk, and write what there is."""
-        self._writer.flush()
+    def flush(self, now: float) -> None:
+        """End the chunk, write what there is, and go on in another file where that is due.
+
+        Args:
+            now: Time in [s], of a clock that never goes back.
+        """
+        self._writer.end_chunk()
+        self._file.flush()
+        if self._begun is None:
+            self._begun = now
+            self._remove_old()
+        duration, size, _ = self._rotation
+        is_long = duration is not None and now - self._begun >= duration
+        if is_long or (size is not None and self._file.tell() >= size):
+            self._go_on(now)
 
     def finish(self) -> None:
         """End the file."""
-        self._writer.finish()
+        self._writer.close()
         self._file.flush()
 
-    def _register(self, topic: str, name: str, schema: dict[str, Any]) -> int:
-        number = self._writer.register_schema(name, "jsonschema", msgspec.json.encode(schema))
-        return self._writer.register_channel(topic, "json", number)
+    def _go_on(self, now: float) -> None:
+        """Go on in another file; where there can be none, this one goes on."""
+        path = find_part(self._path, 1, self._part + 1)
+        try:
+            if path.exists():
+                raise FileExistsError(errno.EEXIST, "is there already")
+            descriptor = open_file(path)
+        except OSError as error:
+            if not self._problem:
+                self._problem = f"{path} cannot be written ({error.strerror})"
+                sys.stderr.write(f"armguard: the recording goes on in one file: {self._problem}\n")
+            return
+        self._problem = ""
+        self._writer.close(path.name)
+        self._file.go_on(descriptor)
+        self._part, self._begun = self._part + 1, now
+        self._writer = PartWriter(self._file, self._part, self._writer.head, self._signer)
+        for entry in self._start:
+            self._write_start(*entry)
+        self._remove_old()
+        self._file.flush()
 
-    def _write(self, channel: int, nanoseconds: int, data: bytes) -> None:
-        self._count += 1
-        self._writer.add_message(
-            channel, nanoseconds, data, nanoseconds, sequence=self._count & 0xFFFFFFFF
-        )
+    def _remove_old(self) -> None:
+        """Remove files that were kept for long enough, and note their names."""
+        if self._rotation.keep is None:
+            return
+        path = find_part(self._path, 1, self._part)
+        for name in remove_old(path, self._part, self._rotation.keep):
+            self._last_time += 1
+            timestamp = Time(*divmod(self._last_time, 1_000_000_000))
+            text = f"kept for long enough, and removed: {name}"
+            line = Log(timestamp=timestamp, level=2, message=text)
+            self._writer.write(NUMBERS[Log], self._last_time, write_json(line))
 
-    def _attach(self, nanoseconds: int, name: str, media_type: str, content: bytes) -> None:
-        self._writer.add_attachment(nanoseconds, nanoseconds, name, media_type, content)
+    def _write_start(self, kind: int, nanoseconds: int, content: Any) -> None:
+        if kind == ATTACHED:
+            self._writer.attach(nanoseconds, *content)
+        else:
+            name, values = content
+            self._writer.note(name, values | {"part": str(self._part)})
+
+    def _look_at(self, name: str, _: str, content: bytes) -> None:
         self._attached[name] = msgspec.json.decode(content)
         if {"robot.json", "settings.json"} <= set(self._attached):
             self._scene = Scene(self._attached["robot.json"], self._attached["settings.json"])
@@ -188,7 +235,7 @@ class RecordingWriter:
                 if self._last_state is not None:
                     scene.take_state(self._last_state)
                 picture = msgspec.json.encode(scene.draw(self._last_time))
-                self._write(self._scene_channel, self._last_time, picture)
+                self._writer.write(SCENE, self._last_time, picture)
         elif isinstance(message, JointState):
             self._last_state = message
         elif isinstance(message, ObstaclesMessage):
@@ -199,25 +246,25 @@ class RecordingWriter:
             scene.take_removal(message)
 
 
-def write_recording(ring: Ring, file: PatientFile, parent: int) -> int:
+def write_recording(ring: Ring, writer: RecordingWriter, file: PatientFile, parent: int) -> int:
     """Write what comes until its writer says that it is done, or is gone.
 
     Args:
         ring: Where events come from.
-        file: Where they go.
+        writer: Makes files of them.
+        file: Where the bytes go.
         parent: The process that writes to the ring.
 
     Returns:
         The exit code of the process: 0 if all could be written.
     """
-    writer = RecordingWriter(file)
     flushed = moved = time.monotonic()
     while True:
         ring.beat()
         record = ring.read() if file.unwritten < UNWRITTEN_LIMIT else None
         now = time.monotonic()
         if now - flushed >= FLUSH_INTERVAL:
-            writer.flush()
+            writer.flush(now)
             flushed = now
         if record is not None:
             moved = now
@@ -245,10 +292,13 @@ def main(arguments: Sequence[str]) -> int:
     """Write a recording until its end; the exit code.
 
     Args:
-        arguments: Descriptors of the shared memory and of the file, and the parent's number.
+        arguments: Descriptors of the shared memory and of the file, the parent's number, and
+            `WriterOptions` as JSON.
     """
-    memory, file, parent = map(int, arguments)
+    memory, descriptor, parent = map(int, arguments[:3])
+    options = msgspec.json.decode(arguments[3], type=WriterOptions)
     # It may go to the loop as well, which is to end first: its end is to be in the file.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     give_way()
-    return write_recording(Ring(memory), PatientFile(file), parent)
+    file = PatientFile(descriptor)
+    return write_recording(Ring(memory), RecordingWriter(file, options), file, parent)

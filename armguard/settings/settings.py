@@ -60,7 +60,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     max_staleness: Annotated[
         float, Meta(ge=0.0, lt=1.0, examples=[0.0, 0.02, 0.05, 0.1, 0.25, 0.5])
     ] = 0.1
-    """How stale an answer may look, as a fraction of itself, below 1."""
+    """By which share an old answer may look shorter than a fresh one, below 1."""
     budget: Annotated[int, Meta(gt=0, examples=[16, 64, 256, 1024])] | None = None
     """Evaluations in a tick after which no further obstacle is begun; what misses its deadline is a
     STOP. Each question of the stop decision may spend as many; where they do not suffice, the
@@ -71,29 +71,29 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     latency: Threshold = 0.002
     """Time to compute and transport a verdict, including the lateness of a tick, in [s]."""
     slow_margin: Threshold = 0.1
-    """SLOW when contact could come this soon after the arm could have stopped, in [s]."""
+    """SLOW if contact could come within this time after the stop time, in [s]."""
     aware_margin: Threshold = 0.3
-    """AWARE when contact could come this soon after the arm could have stopped, in [s]."""
+    """AWARE if contact could come within this time after the stop time, in [s]."""
     rise_delay: Threshold = 0.3
-    """How long evidence must last before a level rises, after a reset as well, in [s]. A refused
-    sample counts for as long as one that may be true."""
+    """How long a level is held after its last cause, after a reset as well, in [s]. A refused
+    sample, which may be true, counts for as long."""
     scale_rise: Annotated[Positive, Meta(extra={"table": "thresholds"})] = 1.0
     """By how much the speed scale rises in a second, at most, in [1/s], so that an arm that follows
     it moves smoothly. It falls at once."""
     source_timeout: Threshold = 0.2
-    """How long a source without a timeout of its own may be silent, and how far its stamps may be
-    ahead, in [s]."""
+    """How long a source without a timeout of its own can be silent before the verdict is STOP, and
+    how far its stamps may be ahead, in [s]."""
     joint_timeout: Threshold | None = None
-    """Longest step between two joint states, oldest state that is believed, and longest time for
-    which one stamp may stand, in [s]. What is longer or older is a STOP until a reset. Left out:
-    0.1, or 5 ticks where that is longer."""
+    """Longest step between two joint states, oldest state that is believed, and longest time
+    without a new stamp, in [s]. What is longer or older is a STOP until a reset. Left out: 0.1, or
+    5 ticks if that is longer."""
     margin: Annotated[NotNegative, Meta(extra={"table": "bounds"})] = 0.0
-    """A distance that counts as contact already, in [m]."""
+    """Distance that counts as contact, in [m]."""
     payload: Annotated[NotNegative | None, Meta(extra={"table": "", "may_be_infinite": True})] = (
         None
     )
-    """What the arm carries at most, tool included, in [kg]: which of its brakes' entries count.
-    Left out: the heaviest that they are stated for."""
+    """Greatest mass that the arm carries, tool included, in [kg]; it decides which entry of the
+    brakes counts. Left out: the heaviest that they are stated for."""
     operating: Annotated[OperatingLimits | Literal["published"] | None, OWN_PLACE] = None
     """What the controller keeps to while the arm works, enforced by it and tested here at every
     joint state; `"published"`: what the robot's description has from published sources. Left out:

@@ -556,6 +556,8 @@ class VerdictPublisher:
         offset: Machine's monotonic clock minus the monitor's, in [s].
         authenticator: Lets in the readers that it knows; None: there are no keys.
         as_json: Whether verdicts and answers are JSON objects, not msgpack maps.
+        configuration: Digest of what the monitor was made with, for each verdict; None: it is not
+            told.
 
     Raises:
         StreamError: The address cannot be used.
@@ -568,10 +570,12 @@ class VerdictPublisher:
         authenticator: Authenticator | None = None,
         *,
         as_json: bool = False,
+        configuration: str | None = None,
     ) -> None:
         check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self._offset = offset
+        self._configuration = configuration
         self._as_json = as_json
         self._authenticator = authenticator
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
@@ -594,7 +598,9 @@ class VerdictPublisher:
         """Send one verdict; never blocks. Readers that ask to be let in are answered."""
         if self._authenticator is not None:
             self._authenticator.answer()
-        data = encode_verdict(verdict, self._offset, as_json=self._as_json)
+        data = encode_verdict(
+            verdict, self._offset, configuration=self._configuration, as_json=self._as_json
+        )
         self._socket.send(data, _NOBLOCK)
 
     def command(self, command: CommandMessage) -> None:

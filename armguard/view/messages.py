@@ -92,6 +92,7 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
         is_recorded: Whether frames come from a recording, each to be kept and none to be dropped;
             then no tick waits, and each STOP can be explained.
         recording: File to which this run is recorded; empty: to none.
+        configuration: Digest of what the monitor was made with; empty: it is not told.
     """
 
     urdf: str = ""
@@ -101,6 +102,7 @@ class Origin(msgspec.Struct, frozen=True, kw_only=True):
     arm: str = ""
     is_recorded: bool = False
     recording: str = ""
+    configuration: str = ""
 
 
 class SceneMessage(Origin, frozen=True, tag="scene", kw_only=True):

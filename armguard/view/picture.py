@@ -137,6 +137,7 @@ class Picture:
             "sensors": [name for name, _ in message.sensors],
             "is_recorded": message.is_recorded,
             "is_being_recorded": bool(message.recording),
+            "configuration": message.configuration,
             "has_volume": message.stopping is not None,
             "obeys_reset": message.obeys_reset,
             "reset_address": message.reset_address,

@@ -114,20 +114,31 @@ def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) 
             machine=machine,
         )
     ]  # fmt: skip
-    for setting in found.settings:
-        title = f"## {setting.bounds}, samples {milliseconds(setting.camera)} old,"
-        parts += [f"{title} {milliseconds(setting.reaction)} of reaction", ""]
-        parts += [*_table(found, setting), ""]
+    title = f"## {usual.bounds}, samples {milliseconds(usual.camera)} old,"
+    parts += [f"{title} {milliseconds(usual.reaction)} of reaction", ""]
+    heads = _head(found)
+    parts += [*make_table(heads, _rows(found, usual)), "", "## All settings", ""]
+    every = [
+        [setting.bounds, milliseconds(setting.camera), milliseconds(setting.reaction), *row]
+        for setting in found.settings
+        for row in _rows(found, setting)
+    ]
+    parts += [*make_table(["bounds on people", "sample age", "reaction", *heads], every), ""]
     parts += _limits(found)
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _table(found: Rows, setting: Setting) -> list[str]:
+def _head(found: Rows) -> list[str]:
     heads = ["how the arm is moved"]
     for speed in found.speeds:
         at = f"{speed:g} rad/s"
         heads += [f"work lost, {at}", "rests", "hardest stops", "reversals", "jerk ÷ limit"]
         heads += ["contacts, beyond"]
+    return heads
+
+
+def _rows(found: Rows, setting: Setting) -> list[list[str]]:
+    """By how the arm is moved, what came of it in one setting."""
     rows = []
     for name in found.names:
         cells = [name]
@@ -149,7 +160,7 @@ def _table(found: Rows, setting: Setting) -> list[str]:
             cells.append(", ".join(map(str, counts)))
         if any(cell != "–" for cell in cells[1:]):
             rows.append(cells)
-    return make_table(heads, rows)
+    return rows
 
 
 def _limits(found: Rows) -> list[str]:

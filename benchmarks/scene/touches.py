@@ -13,6 +13,9 @@ from armguard.settings.contact_limits import ContactLimits
 from scene.clearance import Leaves, nearest_on_segment
 from scene.recorded_people import NAMES, RADII
 
+RESTING = 1e-9
+"""What is slower rests, in [m]/[s]: rounding is left at the end of a stop."""
+
 
 class Touch(NamedTuple):
     """Time in which the arm's cover meets one body, from one moment on at which the arm moves."""
@@ -95,7 +98,7 @@ class TouchLog:
             ends: Of each body's axis, in [m]. Shape (bodies, 2, 3).
             broken: Which bodies broke their bounds shortly before. Shape (bodies,).
         """
-        moves, spins = leaves.velocities.any(), leaves.spins
+        moves, spins = np.abs(leaves.velocities).max() > RESTING, leaves.spins
         for body, name in enumerate(NAMES):
             depth, speed, pressing = find_touch(
                 leaves.centers, leaves.velocities, spins, leaves.radius, ends[body], RADII[body]

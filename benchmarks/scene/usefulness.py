@@ -13,6 +13,7 @@ from scene.contestants import (
     LEAST,
     MAIN,
     MAIN_RAW,
+    OPERATING,
     ORACLE,
     SEPARATION,
     TARGETS,
@@ -206,65 +207,50 @@ def _shares(results: Results, scope: Scope) -> list[str]:
 
 def _spread(results: Results, scope: Scope) -> list[str]:
     """How much that depends on the recording and on the place, for the main rules."""
-    lines = ["## Spread", ""]
+    found = results.of(results.speeds[0], SEPARATION, scope.usual)
+    recordings = list(dict.fromkeys(one.recording for one in found))
+    places = list(dict.fromkeys(one.placement for one in found))
+    rows = []
     for setting in dict.fromkeys((scope.usual, scope.real)):
         for speed in results.speeds:
-            found = results.of(speed, SEPARATION, setting)
-            recordings = list(dict.fromkeys(one.recording for one in found))
-            places = list(dict.fromkeys(one.placement for one in found))
-            heads = ["rule", *recordings, *(f"place {place + 1}" for place in places)]
-            rows = []
             for rule in (ORACLE, *MAIN, *MAIN_RAW):
                 each = [results.share(speed, rule, setting, recording=x) for x in recordings]
                 each += [results.share(speed, rule, setting, placement=x) for x in places]
-                rows.append([rule, *map(percent, each)])
-            text = f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction, bounds on"
-            text += f" people: {setting.bounds}; samples are {milliseconds(setting.camera)} old."
-            lines += [text, "", *make_table(heads, rows), ""]
-    return lines
+                first = [f"{speed:g} rad/s", setting.bounds, milliseconds(setting.camera), rule]
+                rows.append([*first, *map(percent, each)])
+    heads = ["speed", "bounds on people", "age of samples", "rule", *recordings]
+    heads += [f"place {place + 1}" for place in places]
+    text = f"Share of time in STOP, {milliseconds(scope.reactions[0])} of reaction."
+    return ["## Spread", "", text, "", *make_table(heads, rows), ""]
 
 
 def _obeying(results: Results, scope: Scope) -> list[str]:
     """What obeying costs beside clean data, with and without the scale."""
-    lines = ["## An arm that obeys", ""]
-    heads = [
-        "rule", "in STOP", "stops a minute", "work lost", "missed, hidden, beyond",
-        "obeying the scale: in STOP", "stops a minute", "work lost", "missed, hidden, beyond",
-    ]  # fmt: skip
+    rows = []
     for setting in _obeyed_settings(scope):
         for speed in results.speeds:
-            rows = []
-            among: list[Found] = []
             for rule in results.rules:
                 if AS_THEY_COME in rule:
                     continue
-                cells = []
                 for how in ("obeys", "obeys the scale"):
                     what = speed, rule, setting, how
-                    found = results.of(*what)
-                    among += found
-                    if not found:
-                        cells += ["–"] * 4
+                    if not (found := results.of(*what)):
                         continue
-                    cells += [
+                    rows.append([
+                        f"{speed:g} rad/s", milliseconds(setting.reaction), rule, how,
                         percent(results.share(*what)),
                         f"{results.stops(*what):.1f}",
                         percent(results.lost(*what)),
-                        ", ".join(
-                            str(results.total(x, *what)) for x in ("missed", "hidden", "beyond")
-                        ),
-                    ]
-                if cells[0] != "–":
-                    rows.append([rule, *cells])
-            if rows:
-                lines += [
-                    f"{speed:g} rad/s, {milliseconds(setting.reaction)} of reaction. An arm that"
-                    f" obeys nobody hits the person {results.hits(speed, among)} times.",
-                    "",
-                    *make_table(heads, rows),
-                    "",
-                ]
-    return lines if len(lines) > 2 else []
+                        *(str(results.total(x, *what)) for x in ("missed", "hidden", "beyond")),
+                        str(results.hits(speed, found)),
+                    ])  # fmt: skip
+    if not rows:
+        return []
+    heads = [
+        "speed", "reaction", "rule", "how", "in STOP", "stops a minute", "work lost", "missed",
+        "hidden", "beyond", "contacts of an arm that obeys nobody",
+    ]  # fmt: skip
+    return ["## An arm that obeys", "", *make_table(heads, rows), ""]
 
 
 def _missed(results: Results, scope: Scope) -> list[str]:
@@ -306,6 +292,11 @@ def _prices(results: Results, setting: Setting) -> list[str]:
         heads += [f"{speed:g} rad/s: median [µs]", "99th percentile [µs]"]
     text = (
         "At 1 kHz, all in one run, beside one person within the arm's reach. A monitor's tick has"
+        " its kinematics in it, those of the other rules have not."
     )
-    text += " its kinematics in it, those of the other rules have not."
+    main = next((row for row in rows if row[0] == OPERATING), None)
+    if main is not None:
+        speeds = zip(results.speeds, main[1::2], main[2::2], strict=True)
+        each = ", ".join(f"{x:g} rad/s {median} µs and {most} µs" for x, median, most in speeds)
+        text += f" With {OPERATING}, median and 99th percentile: {each}."
     return ["## Price of a tick", "", text, "", *make_table(heads, rows)]

@@ -76,7 +76,7 @@ def test_a_stop_of_another_cause_is_told_and_waiting_for_evidence_is_none():
         (4.0, stop(CONTACT, HOLD)),
     )
     assert [line.split(":")[0] for line in lines] == [
-        "STOP  no complete look yet",
+        "STOP  not everything evaluated yet",
         "STOP  source silent",
         "STOP  contact possible",
     ]

@@ -105,6 +105,7 @@ def test_the_loop_ends_on_a_control_c_that_is_lost_in_a_destructor():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.hazard("H-09")
 def test_late_ticks_are_counted_and_the_grid_stays():
     clock = ManualClock(10.0)
     begins = []

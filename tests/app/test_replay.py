@@ -25,6 +25,7 @@ from armguard.app.summary import VerdictCounts
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording, Replay, ReplayedTick
 from armguard.recording.events import Gap
+from armguard.recording.signing import write_signing_pair
 from armguard.robot import Robot
 from armguard.verdict import Level, Reason, ReasonKind, Verdict
 from armguard.view import ViewProcess
@@ -392,3 +393,36 @@ def test_changes_are_read_by_commas():
         with pytest.raises(ArmguardError, match="name=value"):
             read_changes(text)
     assert eventful_runs.MOTIONS
+
+
+def test_verify_tells_what_was_changed_and_who_signed(tmp_path, capsys):
+    secret, public, key = write_signing_pair("recorder", tmp_path)
+    path = tmp_path / "run.mcap"
+    record(path, ticks=50, recorder_options={"key": secret})
+    assert main(["replay", str(path), "--verify", "--key", str(public)]) == 0
+    assert f"intact; 1 chunks are as they were, signed by {key}" in capsys.readouterr().out
+    assert main(["replay", str(path), "--verify"]) == 0
+    assert "who wrote it is not known without --key" in capsys.readouterr().out
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    assert main(["replay", str(path), "--verify", "--json"]) == 1
+    out, err = capsys.readouterr()
+    (told,) = json.loads(out)["files"]
+    assert not told["intact"]
+    assert told["problems"][0] in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--verify", "--view"], "--verify: replays nothing"),
+        (["--verify", "--key", "nowhere.public"], "cannot be read"),
+        (["--key", "nowhere.public"], "--key: is for signatures"),
+    ],
+)
+def test_options_that_do_not_go_with_a_verification_are_refused(arguments, words, tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    record(path, ticks=5)
+    assert main(["replay", str(path), *arguments]) == 2
+    assert words in capsys.readouterr().err

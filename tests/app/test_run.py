@@ -15,12 +15,14 @@ from pathlib import Path
 import pytest
 import zmq
 
+from armguard.app import view_feed
 from armguard.app.cell import Cell
 from armguard.app.cli import main
 from armguard.app.loop import run
 from armguard.app.premises import Premise
 from armguard.app.run import describe_remedy, find_verdicts_address
 from armguard.jit.progress import Progress, compilation
+from armguard.messages.answers import decode_answer, encode_verdict
 from armguard.recording import Recording
 from armguard.streams import (
     VERDICTS_ADDRESS,
@@ -34,6 +36,7 @@ from armguard.streams.keys import write_new_pair
 from armguard.verdict import Level, Verdict
 from armguard.view import FrameMessage
 from armguard.view.messages import decode_message
+from support.recordings_made import read_verdicts
 
 ARMGUARD = Path(sys.executable).with_name("armguard")
 CELL = '[robot]\nname = "panda"\noperating = "published"\n'
@@ -120,6 +123,23 @@ def test_new_keys_are_written_once_and_tell_what_goes_into_the_cell_file(tmp_pat
     with Cell.from_text(text, tmp_path).make_authenticator() as authenticator:
         assert authenticator.may("camera", "obstacles")
     check_mistake(capsys, arguments, "has keys already")
+
+
+def test_keys_that_sign_recordings_tell_how_they_are_used(cell, tmp_path, capsys):
+    arguments = ["keys", "new", "recorder", "--recordings", "--dir", str(tmp_path)]
+    assert main(arguments) == 0
+    told = capsys.readouterr().out
+    secret = str(tmp_path / "recorder.secret")
+    assert f"--sign {secret}" in told
+    assert f"--verify --key {tmp_path / 'recorder.public'}" in told
+    check_mistake(capsys, arguments, "has keys already")
+    run = ["run", str(cell), "--sign"]
+    check_mistake(capsys, [*run, secret], "--sign: is for recordings")
+    recorded = ["--record", str(tmp_path)]
+    check_mistake(capsys, [*run, "nowhere", *recorded], "nowhere: cannot be read")
+    for option in ("--part-hours", "--part-megabytes", "--keep-days"):
+        for value in ("0", "-1", "nan", "inf"):
+            check_mistake(capsys, ["run", str(cell), option, value, *recorded], f"{option}: is")
 
 
 def add_keys(cell, folder, **rights):
@@ -213,6 +233,48 @@ def test_views_are_told_what_is_waited_for(cell, addresses, tmp_path, monkeypatc
     frames = [message for message in told if isinstance(message, FrameMessage)]
     assert {frame.sequence for frame in frames} == {0}
     assert frames[-1].verdict.level == "STOP"
+
+
+@pytest.mark.hazard("H-10")
+def test_a_configuration_has_one_digest_everywhere_and_another_one_does_not_start(
+    cell, addresses, tmp_path, monkeypatch, capfd
+):
+    published, record = [], tmp_path / "run.mcap"
+    send = VerdictPublisher.publish
+
+    def publish(publisher, verdict):
+        published.append(encode_verdict(verdict, 0.0, configuration=publisher._configuration))
+        send(publisher, verdict)
+
+    monkeypatch.setattr(VerdictPublisher, "publish", publish)
+    origins = []
+    monkeypatch.setattr(
+        view_feed.MonitorFeed, "__init__", lambda *arguments: origins.append(arguments[3])
+    )
+    for name in ("note", "publish"):
+        monkeypatch.setattr(view_feed.MonitorFeed, name, lambda *_, **__: None)
+    options = [*addresses, "--duration", "0.05", "--no-realtime", "--json"]
+    observers = ["--record", str(record), "--view", f"ipc://{tmp_path}/view"]
+    assert main(["run", str(cell), *options, *observers]) == 0
+    (digest,) = re.findall(r"configuration ([0-9a-f]{16})\n", capfd.readouterr().err)
+    assert {decode_answer(data).configuration for data in published} == {digest}
+    assert [origin.configuration for origin in origins] == [digest]
+    assert Recording(record).provenance["configuration"] == digest
+    assert {verdict.configuration for verdict in read_verdicts(record)} == {None}
+
+    assert main(["run", str(cell), *options, "--expect", digest]) == 0
+    capfd.readouterr()
+    published.clear()
+    cell.write_text(CELL + "[thresholds]\nlatency = 0.0021\n")
+    code = main(["run", str(cell), *options, "--expect", digest])
+    out, err = capfd.readouterr()
+    assert (code, out, published) == (2, "", [])
+    (line,) = err.splitlines()
+    assert re.fullmatch(
+        rf"armguard: --expect: is {digest}, and the digest of this configuration is [0-9a-f]{{16}};"
+        r" .*",
+        line,
+    )
 
 
 def start(*arguments, **options):

@@ -52,6 +52,7 @@ def make(name, count_ticks, timeout=0.1):
     return ServiceNotifier.from_environment(count_ticks, {"NOTIFY_SOCKET": name, **usec})
 
 
+@pytest.mark.hazard("H-07")
 def test_a_loop_that_hangs_feeds_nothing(manager):
     listener, name = manager
     ticks = [7]

@@ -175,6 +175,7 @@ def test_an_arm_that_rests_far_off_is_led_nowhere(made):
     assert made.arm.followed == []
 
 
+@pytest.mark.hazard("H-19")
 def test_an_arm_that_does_not_brake_is_lost(made):
     made.begin()
     made.act(command(made.now + 0.002, 3, stop="brake"))
@@ -214,6 +215,7 @@ def test_after_trouble_it_waits_for_another_goal(made, kind):
     assert len(made.arm.followed) == before + 1
 
 
+@pytest.mark.hazard("H-24")
 def test_a_shield_that_was_started_anew_needs_another_goal(made):
     made.begin(goal=2)
     made.act(command(made.now + 0.002, 1, goal=7))

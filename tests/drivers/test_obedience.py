@@ -9,6 +9,7 @@ from armguard.verdict import Level
 from support.verdict_samples import verdict
 
 
+@pytest.mark.hazard("H-08")
 @given(
     st.sampled_from(Level),
     st.floats(allow_nan=True, allow_infinity=True),
@@ -35,6 +36,7 @@ def test_silence_and_stop_are_told_apart(level):
     assert obedience.decide(one._replace(valid_until=math.nan), 1.9).cause == "no valid verdict"
 
 
+@pytest.mark.hazard("H-24")
 def test_a_monitor_that_counts_from_the_beginning_is_another_one():
     obedience = Obedience()
     for sequence in (5, 6, 6, 9, 200):

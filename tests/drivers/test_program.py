@@ -95,6 +95,7 @@ def test_a_fault_takes_away_the_right_to_go_on(made):
     assert "tell the robot can be driven again\n" in told
 
 
+@pytest.mark.hazard("H-19")
 def test_an_arm_that_goes_on_is_stopped(made):
     arm, streams, turn, read = made
     turn(0.05)
@@ -136,6 +137,7 @@ def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     assert all(state[3][0] >= 0.0 for state in streams.published)
 
 
+@pytest.mark.hazard("H-08")
 def test_without_any_verdict_it_stands(made):
     arm, streams, turn, _ = made
     streams.level = None

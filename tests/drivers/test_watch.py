@@ -87,6 +87,7 @@ def check_states(states):
     assert np.abs(moved).mean() < 0.002
 
 
+@pytest.mark.hazard("H-20")
 def test_a_robot_or_a_driver_that_fails_leaves_no_arm_moving_and_is_connected_anew(tmp_path):
     with DrivenCell(tmp_path) as cell:
         controller = cell.controller
@@ -136,6 +137,7 @@ def test_a_command_that_is_killed_takes_its_driver_along_which_stops_the_arm(tmp
         assert cell.controller.pace == 0.0, "nobody has started the program"
 
 
+@pytest.mark.hazard("H-20")
 def test_with_both_processes_dead_the_watchdog_of_the_controller_pauses_the_program(tmp_path):
     with DrivenCell(tmp_path, has_watchdog=True) as cell:
         cell.wait_until_moving()
@@ -261,6 +263,7 @@ def test_the_commands_of_a_shield_are_followed_and_nothing_else_moves_the_arm(tm
         wait_until(lambda: not os.path.exists(f"/proc/{driver}/exe"))
 
 
+@pytest.mark.hazard("H-15")
 def test_another_robot_than_that_of_the_cell_is_refused(tmp_path):
     with DrivenCell(tmp_path, model="UR10") as cell:
         assert cell.process.wait(60.0) == 2

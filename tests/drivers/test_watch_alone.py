@@ -37,6 +37,7 @@ def test_what_the_library_prints_is_no_sign_of_life(monkeypatch):
         driver.close()
 
 
+@pytest.mark.hazard("H-20")
 def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
     stopped = []
 

@@ -166,3 +166,10 @@ def test_a_verdict_of_an_unknown_level_is_refused():
     fields = msgspec.msgpack.decode(encode_verdict(VERDICT, 0.0))
     with pytest.raises(MessageError):
         decode_answer(msgspec.msgpack.encode({**fields, "level": "GO"}))
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_the_configuration_is_told_by_who_publishes(as_json):
+    for told in (None, "0123456789abcdef"):
+        data = encode_verdict(VERDICT, 0.0, configuration=told, as_json=as_json)
+        assert decode_answer(data).configuration == told

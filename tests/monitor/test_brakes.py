@@ -51,6 +51,7 @@ def glide(monitor, start, count, speed, q=HOME):
     return verdicts
 
 
+@pytest.mark.hazard("H-06")
 def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
     _, monitor = make_ranged(rise_delay=0.0)
     delay = PERIOD + 0.002 + 0.02
@@ -212,6 +213,7 @@ def test_a_payload_that_changes_counts_in_the_next_tick():
     assert again.stop_time == light.stop_time
 
 
+@pytest.mark.hazard("H-06")
 def test_all_certificates_are_due_when_the_payload_changes():
     obstacles, monitor = make_ranged()
     see(obstacles, 0.0, [5.0, 0.0, 0.5])
@@ -239,6 +241,7 @@ def test_payloads_that_cannot_be_are_refused_by_name(payload):
     assert steps(monitor, 1, 1)[0].stop_time == before
 
 
+@pytest.mark.hazard("H-06")
 def test_the_default_is_the_heaviest():
     _, monitor = make_ranged()
     assert monitor.payload == ranged_panda().brakes.most_payload == 1.0

@@ -40,6 +40,7 @@ def touched():
     return encounter
 
 
+@pytest.mark.hazard("H-13")
 def test_a_touch_is_a_stop_from_its_first_tick_on_until_the_hand_leaves():
     encounter = Encounter(0.02)
     before = encounter.go(2)
@@ -202,6 +203,7 @@ def test_bounds_that_a_touched_body_breaks_are_not_told(touched):
     assert touched.obstacles.table.accepted.speed[touched.row()] == 1.0
 
 
+@pytest.mark.hazard("H-13")
 def test_a_head_is_no_contact_but_a_stop():
     limits = ContactLimits({"hand": ContactLimit(speed=0.8, source="test")})
     encounter = Encounter(0.02, limits=limits)
@@ -229,6 +231,7 @@ def make_retreat(encounter, velocity):
     return encounter.monitor.with_stop(plan)
 
 
+@pytest.mark.hazard("H-13")
 @pytest.mark.parametrize("leave", ["never", "any"])
 def test_a_touched_arm_may_go_on_away_from_the_hand_and_nowhere_else(leave):
     encounter = Encounter(0.02, motion="planned", leave=leave)

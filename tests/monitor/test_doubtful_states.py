@@ -70,6 +70,7 @@ def punch(now, begins=0.7, accel=60.0, speed=5.0):
     return [[1.6 - moved, 0.0, 0.6], [-accel * ramp, 0.0, 0.0]]
 
 
+@pytest.mark.hazard("H-21")
 @pytest.mark.parametrize("period", [0.01, 0.033])
 def test_a_punch_ends_in_stop_and_in_a_broken_premise(period):
     stop_at, named_at, late_by = None, None, 0.0
@@ -120,6 +121,7 @@ def test_a_refused_sample_that_stops_the_arm_is_named():
     assert "1.60 m off" in found[0].detail
 
 
+@pytest.mark.hazard("H-21")
 @pytest.mark.parametrize("nearer", [0.1, 0.2])
 def test_widened_bounds_are_named_with_what_was_seen(nearer):
     def place(now):

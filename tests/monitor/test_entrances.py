@@ -63,6 +63,7 @@ def gaps_to_door(balls):
     return np.linalg.norm(balls[:, :3] - nearest, axis=1) - balls[:, 3]
 
 
+@pytest.mark.hazard("H-02")
 def test_nothing_that_comes_out_touches_before_the_verdict_says():
     """All bodies that can have come out, at any moment, by any way that their speed allows.
 

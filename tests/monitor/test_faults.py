@@ -117,6 +117,7 @@ def test_after_a_state_that_is_refused_no_certificate_of_before_counts(schedule)
     assert later.contact_time == first.contact_time
 
 
+@pytest.mark.hazard("H-25")
 def test_an_error_inside_is_a_latched_stop(schedule, monkeypatch):
     obstacles, monitor = make_monitor(schedule)
     keep(obstacles, monitor, 0, 5)
@@ -211,6 +212,7 @@ def test_a_required_source_that_is_not_heard(schedule):
     )
 
 
+@pytest.mark.hazard("H-01")
 def test_a_source_that_has_spoken_and_falls_silent(schedule):
     obstacles, monitor = make_monitor(schedule)
     assert keep(obstacles, monitor, 0, 1)[0].level is Level.CLEAR
@@ -227,6 +229,7 @@ def test_a_heartbeat_is_enough():
     assert (verdict.level, verdict.contact_time) == (Level.CLEAR, math.inf)
 
 
+@pytest.mark.hazard("H-03")
 def test_a_stamp_far_ahead_of_the_clock(schedule):
     """The state is not believed, nor is any before it: the obstacle could be anywhere."""
     obstacles, monitor = make_monitor(schedule)
@@ -359,6 +362,7 @@ def test_a_fault_before_the_first_tick_is_latched_since_then():
     assert "latched since before the first tick" in str(verdict.reasons[0])
 
 
+@pytest.mark.hazard("H-04")
 @pytest.mark.parametrize("clock", ["its own", "none"])
 def test_a_joint_stamp_that_never_changes_is_a_gap(schedule, clock):
     """A driver that hangs goes on telling its last state, perhaps with a stamp ahead."""
@@ -387,6 +391,7 @@ def test_joint_states_slower_than_ticks_are_no_stamps_that_never_change(settings
         assert verdict.level is Level.CLEAR, verdict.reasons
 
 
+@pytest.mark.hazard("H-10")
 def test_a_pattern_that_matches_nothing_is_a_stop_until_it_does(schedule):
     obstacles, monitor = make_monitor(schedule, ignore=[("panda_hand", "tabel"), ("*", "p?")])
     kind, names = ReasonKind.IGNORE_UNMATCHED, [f"thing{k}" for k in range(4)]
@@ -463,6 +468,7 @@ garbage = st.one_of(
 make_garbage_scene = functools.cache(make_monitor)
 
 
+@pytest.mark.hazard("H-23")
 @settings(max_examples=150)
 @given(st.lists(st.tuples(garbage, garbage, garbage, garbage), max_size=5))
 def test_step_never_raises(calls):

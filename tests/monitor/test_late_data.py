@@ -73,6 +73,7 @@ def tell(verdict):
     return [one for one in verdict.reasons if one.kind in late]
 
 
+@pytest.mark.hazard("H-01")
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
 def test_a_pause_of_a_camera_is_named_where_it_alone_stops_the_arm(schedule):
     on_time, paused = watch(schedule=schedule), watch((2.0, 2.17), schedule=schedule)

@@ -28,6 +28,7 @@ FINE = 2e-3
 """Between two instants at which the truth is looked at, [s]."""
 
 
+@pytest.mark.hazard("H-01")
 def test_a_flush_of_late_messages_promises_nothing():
     """The radius is told to be 0.8 m; five messages under way since before say 0.05 m."""
     promised = []
@@ -89,6 +90,7 @@ def test_a_source_that_names_a_static_makes_a_body_of_its_own():
     assert len(obstacles) == 2
 
 
+@pytest.mark.hazard("H-05")
 @pytest.mark.parametrize(
     ("change", "field"),
     [

@@ -97,6 +97,7 @@ def test_a_passing_fault_stops_and_is_held(fault):
     assert decide(rule, 0.41, 9.0) == (Level.CLEAR, False)
 
 
+@pytest.mark.hazard("H-24")
 @pytest.mark.parametrize("then", [1e6 + 0.001, 0.0, -50.0])
 def test_a_latched_fault_stays_until_reset_and_then_there_must_be_evidence(then):
     """Time may start anew."""

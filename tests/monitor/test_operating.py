@@ -82,6 +82,7 @@ def test_a_quarter_of_the_limits_never_says_less_and_often_more():
     )
 
 
+@pytest.mark.hazard("H-17")
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
 def test_a_break_is_a_stop_that_names_it_and_the_hardware_counts_until_it_is_long_over(schedule):
     operating = OperatingLimits.fraction(panda(), velocity=0.25, acceleration=0.25)

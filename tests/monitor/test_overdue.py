@@ -59,6 +59,7 @@ def ring(count, distance):
     return distance * np.column_stack([np.cos(turn), np.sin(turn), np.full(count, 0.2)])
 
 
+@pytest.mark.hazard("H-09")
 def test_a_budget_that_does_not_suffice_is_told():
     """Not all of them can be looked at in time: the arm stops, until all of them were, closely or
     by the stop decision."""

@@ -327,6 +327,7 @@ def target(apart, speed):
     return wanted / max(np.linalg.norm(wanted), 1e-9)
 
 
+@pytest.mark.hazard("H-14")
 @pytest.mark.parametrize("tracks", [1, 2, 4])
 @pytest.mark.parametrize("schedule", ["deadline", "full"])
 def test_a_body_whose_true_track_is_refused_never_touches_an_arm_that_obeys(schedule, tracks):

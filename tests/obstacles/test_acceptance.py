@@ -145,6 +145,7 @@ def test_another_shape_is_another_track():
     assert obstacles.table.point_count[row] == 2
 
 
+@pytest.mark.hazard("H-14")
 def test_samples_that_do_not_agree_never_make_a_track():
     obstacles = Obstacles()
     row = see(obstacles, 0.0)

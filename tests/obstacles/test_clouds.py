@@ -344,6 +344,7 @@ def test_a_person_in_view_is_never_outside_the_voxels():
             assert gaps.min(axis=1).max() <= 0.0, (tick, stamp)
 
 
+@pytest.mark.hazard("H-02")
 def test_a_person_behind_an_arm_is_kept_where_they_may_be():
     """Rays that end on what came between say nothing of what is behind it."""
     camera, pace = DepthCamera([0.0, 0.0, 1.2], [2.0, 0.0, 1.2]), 2.0

@@ -8,6 +8,7 @@ from armguard.obstacles import Frame, Obstacles
 from armguard.obstacles.frames import ORTHONORMAL_TOLERANCE
 
 
+@pytest.mark.hazard("H-05")
 @pytest.mark.parametrize(
     "frame",
     [

@@ -94,6 +94,7 @@ def test_a_sample_counts_in_the_tick_that_sees_it_even_if_it_lasts_no_time():
     assert refused(obstacles, row) == []
 
 
+@pytest.mark.hazard("H-03")
 def test_a_clock_that_is_set_back_keeps_nothing_longer_than_from_then_on():
     obstacles = Obstacles()
     row = see(obstacles, 1000.0)

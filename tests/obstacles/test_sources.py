@@ -33,19 +33,20 @@ def test_who_was_named_is_required_and_who_speaks_is_from_then_on():
     assert [name for name, _ in sources.silent(math.nan, 0.2)] == late
 
 
+@pytest.mark.hazard("H-04")
 def test_a_silent_source_says_since_when_what_was_expected_and_who_speaks_instead():
     sources = Sources([Source("camera", timeout=0.3), "lidar"])
     assert sources.silent(5.0, 0.2) == [
-        ("camera", "never heard, expected a message every 0.3 s or sooner"),
-        ("lidar", "never heard, expected a message every 0.2 s or sooner"),
+        ("camera", "nothing received, expected a message every 0.3 s or sooner"),
+        ("lidar", "nothing received, expected a message every 0.2 s or sooner"),
     ]
     sources.hear("lidar", 5.0)
     sources.hear("camrea", 5.0)
     assert sources.silent(5.1, 0.2) == [
         (
             "camera",
-            "never heard, expected a message every 0.3 s or sooner; 'camrea' sends data, but was "
-            "not named: a misspelling?",
+            "nothing received, expected a message every 0.3 s or sooner; 'camrea' sends data, but "
+            "was not named: a misspelling?",
         )
     ]
     sources.hear("camera", 5.1)

@@ -157,6 +157,7 @@ def test_an_arm_that_obeys_stands_before_an_attacking_one_touches_it_and_another
     assert {Level.STOP} < levels
 
 
+@pytest.mark.hazard("H-18")
 def test_two_arms_that_obey_go_for_one_another_and_never_touch():
     touched, speeds, _, levels = fight(is_obeying=True, both=True)
     assert touched is None
@@ -287,6 +288,7 @@ def test_a_joint_that_speeds_up_too_hard_is_told_and_the_hardware_s_limits_count
     assert speed_up(robot, other, table, 1.0, errors) is None
 
 
+@pytest.mark.hazard("H-18")
 def test_a_break_is_a_stop_that_names_arm_and_joint_and_ends_by_itself():
     robot = panda()
     other = armguard.ArmObstacles(robot, "right", operating=limits_of(robot, 0.3))

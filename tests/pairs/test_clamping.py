@@ -147,6 +147,7 @@ def distance_to_hull(center, points, random):
     return np.linalg.norm(weights @ points - center, axis=1).min()
 
 
+@pytest.mark.hazard("H-12")
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_nothing_that_could_clamp_is_missed(name):
     clamps = free = 0

@@ -16,10 +16,11 @@ from armguard.messages.answers import VerdictMessage, to_verdict_message
 from armguard.messages.events import FaultsTaken, StaticObstacle
 from armguard.messages.incoming import IgnoreMessage, ObstaclesMessage, WatchMessage
 from armguard.obstacles import Obstacles, Source
-from armguard.recording import Recorder, replay
+from armguard.recording import Recorder, Rotation, replay, verify, writer
 from armguard.recording import recorder as recorder_module
 from armguard.recording.events import BodiesChanged, Gap, JointState, Log, MalformedState
 from armguard.recording.recorder import check_new
+from armguard.recording.signing import read_signing_key, write_signing_pair
 from armguard.scheduling import FullSchedule
 from armguard.verdict import ReasonKind
 from support import eventful_runs
@@ -238,6 +239,7 @@ def is_waiting(pid):
     return len(calls) == 1 and any("pipe" in call or call in ("", "0") for call in calls)
 
 
+@pytest.mark.hazard("H-09")
 def test_a_slow_disk_leaves_a_gap_and_never_holds_up_the_loop(tmp_path):
     """A pipe that nothing reads is a disk that takes nothing: by count, not by time."""
     path, copy = tmp_path / "pipe", tmp_path / "run.mcap"
@@ -388,3 +390,43 @@ def test_a_disk_without_room_is_told_and_harms_nobody(tmp_path, capfd):
     stand(monitor, 20)
     assert "not complete" in recorder.close()
     assert "No space left" in capfd.readouterr().err
+
+
+def test_a_recording_that_goes_on_in_further_files_is_signed_and_replayed_as_one(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(writer, "FLUSH_INTERVAL", 0.0)
+    secret, public, _ = write_signing_pair("recorder", tmp_path)
+    path = tmp_path / "run.mcap"
+    options = {"key": secret, "rotation": Rotation(size=150_000)}
+    verdicts, _ = record(path, ticks=200, recorder_options=options)
+    results = verify(path, read_signing_key(public))
+    assert len(results) > 1
+    assert [one.problems for one in results] == [()] * len(results)
+    report = replay(path)
+    assert report.is_identical
+    assert report.compared == len(verdicts)
+    with pytest.raises(ArmguardError, match="is part 2 of a recording"):
+        replay(tmp_path / "run.2.mcap")
+    (tmp_path / "run.2.mcap").unlink()
+    report = replay(path)
+    assert report.is_cut_off
+    assert report.difference is None
+
+
+def test_what_a_killed_writer_leaves_verifies(tmp_path):
+    recorder, _, monitor = start(tmp_path / "run.mcap")
+    stand(monitor, 200)
+    wait_until(lambda: recorder.path.stat().st_size > 0)
+    os.kill(recorder.pid, signal.SIGKILL)
+    assert "not complete" in recorder.close()
+    (result,) = verify(recorder.path)
+    (told,) = result.problems
+    assert "the end is missing" in told
+
+
+def test_a_key_or_a_rotation_that_cannot_be_used_is_told_before_there_is_a_file(tmp_path):
+    for options in ({"key": tmp_path / "nowhere"}, {"rotation": Rotation(size=-1.0)}):
+        with pytest.raises(ArmguardError):
+            start(tmp_path / "run.mcap", **options)
+    assert not list(tmp_path.iterdir())

@@ -4,9 +4,9 @@ import pytest
 
 from armguard.messages.events import StaticObstacle
 from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
+from armguard.monitor.portable import describe_settings
 from armguard.recording.events import JointState
 from armguard.recording.scene import MOST_DRAWN, Scene
-from armguard.recording.settings import describe_settings
 from armguard.robot import Kinematics
 from armguard.robot.portable import describe_robot
 from support import eventful_runs

@@ -6,11 +6,11 @@ import pytest
 
 import armguard
 from armguard.exceptions import ArmguardError
+from armguard.monitor.portable import describe_settings
 from armguard.recording import Recorder, Recording
 from armguard.recording.replay import Replay, replay
 from armguard.recording.settings import (
     change_settings,
-    describe_settings,
     make_monitor,
     make_obstacles,
 )

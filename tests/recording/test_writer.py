@@ -5,12 +5,13 @@ import pytest
 
 from armguard.messages.events import StaticObstacle
 from armguard.messages.incoming import ResetMessage
-from armguard.recording import Recording
+from armguard.monitor.portable import describe_settings
+from armguard.recording import Recording, Rotation, verify
+from armguard.recording import writer as writer_module
 from armguard.recording.events import FORMAT, NUMBERS, JointState, Log, Time
-from armguard.recording.packing import ATTACHED, NOTED, pack_record
+from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.scene import Scene
-from armguard.recording.settings import describe_settings
 from armguard.recording.writer import PatientFile, RecordingWriter, write_recording
 from armguard.robot.portable import describe_robot
 from support import eventful_runs
@@ -32,8 +33,10 @@ def send(writer, kind, nanoseconds, content):
     writer.take(pack_record(kind, nanoseconds, content))
 
 
-def open_file(path):
-    return PatientFile(os.open(path, os.O_WRONLY | os.O_CREAT, 0o644))
+def open_writer(path, **options):
+    """A writer, and its file."""
+    file = PatientFile(os.open(path, os.O_WRONLY | os.O_CREAT, 0o644))
+    return RecordingWriter(file, WriterOptions(str(path), **options)), file
 
 
 def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_path, monkeypatch):
@@ -46,7 +49,7 @@ def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_pa
         return write(descriptor, bytes(data[:1000]))
 
     monkeypatch.setattr(os, "write", take)
-    writer = RecordingWriter(open_file(path))
+    writer = open_writer(path)[0]
     for entry in start:
         send(writer, *entry)
     for number in range(3000):
@@ -54,7 +57,7 @@ def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_pa
         log = Log(timestamp=Time(0, number), level=3, message="a line")
         send(writer, NUMBERS[Log], number, log)
         if number % 100 == 0:
-            writer.flush()
+            writer.flush(0.01 * number)
     writer.finish()
     events = [event for _, event, _ in Recording(path).events()]
     assert [event.timestamp.nsec for event in events] == list(range(3000))
@@ -62,7 +65,7 @@ def test_what_a_full_disk_did_not_take_is_in_the_file_once_it_does(start, tmp_pa
 
 def test_times_never_go_back_in_the_file(start, tmp_path):
     path = tmp_path / "run.mcap"
-    writer = RecordingWriter(open_file(path))
+    writer = open_writer(path)[0]
     for entry in start:
         send(writer, *entry)
     for time in (5, 3, 3, 9):
@@ -79,7 +82,7 @@ def test_a_picture_that_cannot_be_drawn_costs_the_recording_nothing_else(
 
     monkeypatch.setattr(Scene, "take_static", fail)
     path = tmp_path / "run.mcap"
-    writer = RecordingWriter(open_file(path))
+    writer = open_writer(path)[0]
     for entry in start:
         send(writer, *entry)
     told = StaticObstacle(id="post", position=bytes(24), radius=0.1), ResetMessage("")
@@ -97,8 +100,129 @@ def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start
     for entry in (*start, (NUMBERS[JointState], 7, state)):
         assert ring.write(pack_record(*entry))
     nobody = 2**22 + 1
-    assert write_recording(Ring(memory), open_file(path), nobody) == 0
+    assert write_recording(Ring(memory), *open_writer(path), nobody) == 0
     os.close(memory)
     recording = Recording(path)
     assert [event for _, event, _ in recording.events()] == [state]
     assert not recording.is_cut_off
+
+
+class TimedRing:
+    """A ring into which a record comes every 10 ms; the time is that of a manual clock.
+
+    Args:
+        records: In front of all others.
+        clock: A list with the time in [s].
+        end: When the process is killed, in [s].
+    """
+
+    is_finished = is_empty = False
+
+    def __init__(self, records, clock, end):
+        self._records, self._clock, self._end = list(records), clock, end
+        self._next = 0
+
+    def beat(self):
+        if self._clock[0] >= self._end:
+            raise SystemExit
+
+    def read(self):
+        if self._records:
+            return pack_record(*self._records.pop(0))
+        if self._next * 0.01 > self._clock[0]:
+            return None
+        time = self._next * 10_000_000
+        self._next += 1
+        log = Log(timestamp=Time(0, time), level=3, message="a line")
+        return pack_record(NUMBERS[Log], time, log)
+
+
+@pytest.mark.hazard("H-11")
+@pytest.mark.parametrize("end", [1.3, 2.0, 3.33])
+@pytest.mark.parametrize("rotation", [Rotation(), Rotation(duration=1.2)])
+def test_a_process_that_is_killed_loses_the_last_second_at_most(
+    start, tmp_path, monkeypatch, end, rotation
+):
+    """By a manual clock; and what is left verifies, up to its missing end."""
+    path, clock = tmp_path / "run.mcap", [0.0]
+
+    def sleep(duration):
+        clock[0] += duration
+
+    monkeypatch.setattr(writer_module.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(writer_module.time, "sleep", sleep)
+    writer, file = open_writer(path, rotation=rotation)
+    with pytest.raises(SystemExit):
+        write_recording(TimedRing(start, clock, end), writer, file, os.getppid())
+    monkeypatch.undo()
+    recording = Recording(path)
+    times = [time for time, *_ in recording.events()]
+    assert recording.is_cut_off
+    assert times[-1] * 1e-9 > end - 1.0
+    assert len(times) == round(times[-1] / 10_000_000) + 1, "all that was told before is there"
+    *before, last = verify(path)
+    assert all(one.is_intact for one in before)
+    assert bool(before) == (end > 3.0 and rotation.duration is not None)
+    (told,) = last.problems
+    assert "the end is missing" in told
+    assert last.last == times[-1]
+
+
+def test_a_recording_goes_on_in_one_file_where_there_can_be_no_other(start, tmp_path, capsys):
+    path = tmp_path / "run.mcap"
+    (tmp_path / "run.2.mcap").write_text("precious")
+    writer, _ = open_writer(path, rotation=Rotation(duration=1.0))
+    for entry in start:
+        send(writer, *entry)
+    for second in range(4):
+        send(writer, NUMBERS[ResetMessage], second, ResetMessage(""))
+        writer.flush(float(second))
+    writer.finish()
+    assert (tmp_path / "run.2.mcap").read_text() == "precious"
+    assert capsys.readouterr().err.count("goes on in one file") == 1
+    assert len(list(Recording(path).events())) == 4
+    assert verify(path)[0].is_intact
+
+
+def test_a_full_disk_loses_nothing_where_a_recording_goes_on(start, tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    write, is_full = os.write, [False]
+
+    def take(descriptor, data):
+        if is_full[0]:
+            raise OSError(28, "No space left on device")
+        return write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", take)
+    writer, file = open_writer(path, rotation=Rotation(size=20_000))
+    for entry in start:
+        send(writer, *entry)
+    for number in range(3000):
+        is_full[0] = 500 <= number < 2500
+        log = Log(timestamp=Time(0, number), level=3, message=f"line {number * 7919}")
+        send(writer, NUMBERS[Log], number, log)
+        if number % 100 == 0:
+            writer.flush(0.0)
+            assert bool(file.problem) == is_full[0]
+    writer.finish()
+    results = verify(path)
+    assert len(results) > 3
+    assert all(one.is_intact for one in results)
+    events = [event for _, event, _ in Recording(path).events()]
+    assert [event.timestamp.nsec for event in events] == list(range(3000))
+
+
+def test_what_retention_removes_is_noted(start, tmp_path):
+    old = tmp_path / "armguard-20200101T000000-1.mcap"
+    old.write_text("x")
+    os.utime(old, (0.0, 0.0))
+    path = tmp_path / "run.mcap"
+    writer, _ = open_writer(path, rotation=Rotation(keep=3600.0))
+    for entry in start:
+        send(writer, *entry)
+    writer.flush(0.0)
+    writer.finish()
+    assert not old.exists()
+    (line,) = [event.message for _, event, _ in Recording(path).events()]
+    assert line == f"kept for long enough, and removed: {old.name}"
+    assert verify(path)[0].is_intact

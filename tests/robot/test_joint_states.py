@@ -22,6 +22,7 @@ def states():
     return JointStates(panda(), TIMEOUT)
 
 
+@pytest.mark.hazard("H-17")
 @pytest.mark.parametrize(("joint", "sign"), list(itertools.product(range(7), (1.0, -1.0))))
 def test_limits_hold_up_to_their_errors_and_no_further(joint, sign):
     robot = panda()

@@ -22,6 +22,7 @@ from support.urdf_arms import (
 )
 
 
+@pytest.mark.hazard("H-15")
 @pytest.mark.parametrize("content", ["", "<robot", "<robot/>", '<robot name="x"/>'])
 def test_unusable_urdfs_are_refused(tmp_path, content):
     path = tmp_path / "arm.urdf"
@@ -108,6 +109,7 @@ def test_continuous_joints_become_unbounded_revolute_ones(tmp_path):
         np.testing.assert_allclose(data.oMi[1].homogeneous, expected.oMi[1].homogeneous, atol=1e-13)
 
 
+@pytest.mark.hazard("H-16")
 @pytest.mark.parametrize("damage", ["missing", "empty", "noise", "nan", "package"])
 def test_unreadable_meshes_are_refused_by_name(tmp_path, damage):
     path = tmp_path / "bad.stl"
@@ -151,6 +153,7 @@ def test_a_mesh_that_is_not_found_names_package_folders_and_option(tmp_path):
         assert words in str(caught.value)
 
 
+@pytest.mark.hazard("H-15")
 @pytest.mark.parametrize("axis", ["0 0 0", "0 -0 0"])
 def test_a_joint_without_an_axis_is_refused(tmp_path, axis):
     """Pinocchio takes such an axis as it is, and scales the link instead of turning it."""
@@ -160,6 +163,7 @@ def test_a_joint_without_an_axis_is_refused(tmp_path, axis):
         Robot.from_urdf(path, limits=limits_for("shoulder"))
 
 
+@pytest.mark.hazard("H-16")
 @pytest.mark.parametrize(
     "geometry",
     [
@@ -196,6 +200,7 @@ def test_limits_that_are_not_relied_on_may_be_missing(tmp_path, kind, limit):
     assert (model.velocityLimit, model.effortLimit) == (0.0, 0.0)
 
 
+@pytest.mark.hazard("H-15")
 @pytest.mark.parametrize("limit", ['velocity="-1"', 'effort="nan"', 'lower="x"'])
 def test_a_limit_that_is_no_number_is_refused_by_joint(tmp_path, limit):
     path = two_links(tmp_path)

@@ -91,6 +91,7 @@ def test_a_known_client_speaks_in_its_own_name(address, ring):
         assert side.obstacles.source_of(side.obstacles.row("ball")) == "camera"
 
 
+@pytest.mark.hazard("H-22")
 def test_a_message_in_the_name_of_another_is_refused_named_and_a_stop(address, ring):
     """Two publishers of one source are told apart: one of them has not its key."""
     with Side(address, ring) as side:
@@ -190,6 +191,7 @@ def test_a_limit_of_a_key_is_kept_whatever_the_message_says(address, ring):
         assert side.faults.counts["beyond limit", "camera"] == 3
 
 
+@pytest.mark.hazard("H-22")
 def test_unknown_keys_get_nothing_in_and_are_named(address, ring):
     with Side(address, ring) as side:
         stranger = ring.stranger()
@@ -254,6 +256,7 @@ def test_beyond_this_machine_only_with_keys(ring):
             user(f"tcp://192.0.2.1:{port}", keys=ring.keys("camera")).close()
 
 
+@pytest.mark.hazard("H-22")
 def test_strangers_without_end_cost_a_tick_a_few_answers(ring, monkeypatch):
     """However many ask to be let in, a tick answers eight of them."""
     with Side("tcp://127.0.0.1:*", ring) as side:

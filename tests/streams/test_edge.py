@@ -10,6 +10,7 @@ from support.stream_messages import (
 )
 
 
+@pytest.mark.hazard("H-09")
 def test_work_in_one_drain_is_bounded_and_nothing_is_lost():
     world = World()
     world.input.waiting += [pack(obstacles(seq=n)) for n in range(1000)]

@@ -6,6 +6,7 @@ import random
 import tracemalloc
 
 import msgspec
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -125,6 +126,7 @@ def test_a_frame_of_the_view_is_decoded_or_refused_by_one_error(data):
         hold_that_it_says_why(error)
 
 
+@pytest.mark.hazard("H-23")
 @EXAMPLES
 @given(st.lists(st.binary(max_size=300) | spoiled(ENCODED) | refilled(), max_size=4))
 def test_an_edge_raises_nothing_whatever_comes(messages):

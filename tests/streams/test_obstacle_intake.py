@@ -62,6 +62,7 @@ BAD_OBSTACLES = [
 ]
 
 
+@pytest.mark.hazard("H-05")
 @pytest.mark.parametrize(("changes", "kind", "text"), BAD_OBSTACLES)
 def test_bad_obstacles_are_named_and_the_verdict_hears_of_them(changes, kind, text):
     world = World()

@@ -49,6 +49,7 @@ def test_a_state_of_another_arm_that_is_ahead_by_the_clock_error_counts_as_of_no
     assert world.obstacles.fault_count == 0
 
 
+@pytest.mark.hazard("H-18")
 @pytest.mark.parametrize("ahead", [0.011, 3600.0, math.inf])
 def test_a_state_of_another_arm_from_the_future_is_none_and_reaches_the_verdict(ahead):
     world, told = two_arms(joint_clock=StampClock("monotonic", 0.0, 0.01))

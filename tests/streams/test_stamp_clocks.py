@@ -37,6 +37,7 @@ def test_a_source_without_a_clock_is_as_old_and_uncertain_as_it_may_be():
     assert world.obstacles.take_faults() == []
 
 
+@pytest.mark.hazard("H-03")
 @pytest.mark.parametrize("holds", [[0.008] * 100, [0.0, 0.008], [0.001, 0.008, 0.0005], [0.008]])
 def test_a_hold_up_between_two_clocks_makes_nothing_newer_and_is_an_error(holds):
     options = {"speed": 2.0, "accel": 10.0}

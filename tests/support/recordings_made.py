@@ -10,10 +10,10 @@ from support import eventful_runs
 from support.panda_monitor import HOME, PERIOD, STILL, make_monitor, see
 
 
-def record(path, motion="joint", *, robot=None, **options):
+def record(path, motion="joint", *, robot=None, recorder_options=None, **options):
     """An eventful run on a file; its verdicts and answers to plans."""
     _, obstacles, monitor = eventful_runs.make_monitor(motion, robot)
-    with Recorder(path, monitor) as recorder:
+    with Recorder(path, monitor, **recorder_options or {}) as recorder:
         answers = eventful_runs.drive(monitor, obstacles, **options)
         assert recorder.close() == ""
     return answers

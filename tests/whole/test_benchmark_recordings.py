@@ -49,7 +49,8 @@ def test_a_short_run(load, tmp_path):
     short = "--speeds 0.8 --reactions 0.02 --cameras 0 --seconds 0.5 --placements 1 --recordings 1"
     arguments = [*short.split(), "--bounds", "10 m/s², 2 m/s", "--out", str(page)]
     found = benchmark.main(arguments)
-    text = page.read_text(encoding="utf-8")
+    tables = sorted((tmp_path / "page").iterdir())
+    text = "".join(one.read_text(encoding="utf-8") for one in (page, *tables))
     for one in found:
         assert one.rule in text
         assert 0 <= one.outcome.stopped <= one.outcome.ticks <= 50

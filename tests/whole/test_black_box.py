@@ -10,11 +10,12 @@ import signal
 import pytest
 
 from armguard.app.cli import main
-from armguard.recording import replay
+from armguard.recording import replay, verify
 from support.demo_processes import SOON, RunningDemo, finish, wait_until
 from support.recordings_made import read_verdicts
 
 
+@pytest.mark.hazard("H-25")
 def test_a_demo_is_replayed_to_the_bit(tmp_path, capsys):
     path = tmp_path / "demo.mcap"
     arguments = ["--duration", "4", "--no-view", "--json", "--obstacles", "5", "--record", path]
@@ -58,6 +59,9 @@ def test_whichever_process_is_killed_the_file_reads_up_to_its_last_chunk(role, t
     assert report.compared > 50
     assert report.is_identical
     assert report.is_cut_off == (role == "recorder")
+    (chain,) = verify(path)
+    assert chain.is_intact == (role != "recorder")
+    assert all("the end is missing" in problem for problem in chain.problems)
 
 
 def test_a_file_that_is_there_is_a_mistake_before_anything_starts(tmp_path, capsys):

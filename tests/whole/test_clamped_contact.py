@@ -59,6 +59,7 @@ def test_the_surface_is_where_the_spheres_are(arm, robot):
         assert np.linalg.norm(p - point) == pytest.approx(abs(away))
 
 
+@pytest.mark.hazard("H-12")
 def test_force_stays_within_its_limit_where_it_is_watched(arm):
     shares = attack_often(arm, 0.1, (BLOCK, CART, LINK), with_clamping=True, attacks=45)
     assert len(shares) >= 8

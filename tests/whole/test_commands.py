@@ -51,7 +51,7 @@ BROUGHT = {
     "commission": {"cell.toml"},
     "covers": {"my_arm.urdf", "spheres.yml"},
     "keys": {"cell/cell.toml", "desk.secret", "monitor.public"},
-    "recording": {"bag/"},
+    "recording": {"bag/", "keys/recorder.secret", "keys/recorder.public"},
     "robot": {"arm.urdf"},
     "settings": {"cell.toml", "person.csv"},
     "skeletons": {"camera.jsonl"},
@@ -68,6 +68,7 @@ RUN = {
     ],
     "keys": [f"armguard keys new {name} --dir cell" for name in ("monitor", "camera")],
     "recording": [
+        "armguard keys new recorder --recordings --dir keys",
         "armguard replay demo.mcap",
         "armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3",
         "armguard replay demo.mcap --csv verdicts.csv",

@@ -103,6 +103,7 @@ def check_last_word(verdict, words):
     assert words in reason.detail
 
 
+@pytest.mark.hazard("H-07")
 def test_the_last_word_of_a_loop_that_fails_is_stop(cell, tmp_path):
     (tmp_path / "fail").touch()
     assert cell.process.wait(SOON) != 0
@@ -118,6 +119,7 @@ def test_the_last_word_of_a_loop_that_is_told_to_end_is_stop(cell):
     check_last_word(cell.reader.latest(), "told to end")
 
 
+@pytest.mark.hazard("H-07")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_without_a_last_word_the_arm_stands_by_the_deadline(cell, number):
     os.kill(cell.process.pid, number)

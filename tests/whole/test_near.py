@@ -398,6 +398,7 @@ def test_a_stop_is_proved_by_far_fewer_questions_than_ticks(monkeypatch):
     assert 0 < sum(questions) < 0.5 * proved
 
 
+@pytest.mark.hazard("H-09")
 def test_five_thousand_within_the_stopping_distance_are_a_stop_at_a_bounded_price():
     random = np.random.default_rng(4)
     way = random.normal(size=(5000, 3))

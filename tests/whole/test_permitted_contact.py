@@ -67,6 +67,7 @@ def hunt_of_clamps(seed, told_way=None):
     return Hunt(panda(), seed, 8, 8, close=True, static=0.3, permissions=told, gap=GAP)
 
 
+@pytest.mark.hazard("H-12")
 def test_no_clamped_part_is_pressed_farther_than_its_limit():
     score = hunt_of_clamps(7).run(1e5)
     check_unbeaten(score)

@@ -24,12 +24,15 @@ PAGES = {
             ROOT / "docs" / f"{name}.md"
             for name in (
                 "start",
-                "verdicts",
+                "concepts",
                 "obstacles",
-                "controller",
+                "verdicts",
+                "cells",
+                "troubleshooting",
+                "operating_limits",
+                "pieces",
                 "shield",
                 "policies",
-                "cells",
                 "recording",
             )
         ),

@@ -24,6 +24,7 @@ ROOMS = {
     "lazy": "",  # for faces alone
     "verdict": "contact",  # for the type of a certificate
     "body_regions": "",
+    "key_files": "",
     "jit": "",
     "contact": "jit",
     "obstacles": "messages jit body_regions",
@@ -37,10 +38,10 @@ ROOMS = {
     "verdict",
     "shield": "monitor bounds robot jit verdict",
     "messages": "contact verdict",
-    "streams": "messages obstacles contact verdict clock",
+    "streams": "messages obstacles contact verdict clock key_files",
     "view": "streams bounds robot",
     "recording": "messages bridges monitor settings scheduling pairs bounds robot obstacles "
-    "verdict",
+    "verdict key_files",
     "people": "obstacles jit",
     "bridges": "messages monitor robot obstacles verdict",
     "drivers": "messages bridges streams verdict",

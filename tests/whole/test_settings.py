@@ -31,7 +31,8 @@ sys.meta_path.insert(0, Elsewhere())
 EVERYWHERE = """
 import armguard
 from armguard.app.cell import Cell
-from armguard.recording.settings import change_settings, describe_settings, make_monitor
+from armguard.monitor.portable import describe_settings
+from armguard.recording.settings import change_settings, make_monitor
 text = '[robot]\\nname = "panda"\\n[sources]\\n[thresholds]\\ncaution = '
 robot, obstacles, monitor = Cell.from_text(text + "2.5").build()
 assert monitor.settings.caution == 2.5

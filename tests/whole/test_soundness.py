@@ -137,6 +137,7 @@ def watch(truth, schedule, seed):
 SEEDS = range(3)
 
 
+@pytest.mark.hazard("H-25")
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("schedule", SCHEDULES, ids=str)
 def test_no_contact_comes_before_its_time(schedule, seed):
@@ -176,6 +177,7 @@ def watch_statics(q, v, tick, refused=()):
     return verdict.evaluated
 
 
+@pytest.mark.hazard("H-17")
 def test_certificates_end_when_the_arm_is_faster_than_they_took_it_to_be():
     limit, error = panda().velocity_limit[0], panda().velocity_error[0]
     axis = np.eye(7)[0]

@@ -148,6 +148,7 @@ def find_places(link):
     )
 
 
+@pytest.mark.hazard("H-02")
 @pytest.mark.parametrize(
     ("seed", "settings"),
     [(1, {}), (3, {"close": True}), (5, {"rate": 250.0, "latency": 0.004}), (6, {"budget": 200})],

@@ -29,6 +29,7 @@ from armguard.app.cell.schema import (
     SourceTable,
     ToolTable,
     UrTable,
+    describe_table,
     given,
     make_error,
     parse_cell,
@@ -142,6 +143,17 @@ class Cell:
         robot = self.make_robot()
         obstacles = self.make_obstacles()
         return robot, obstacles, self.make_monitor(robot, obstacles)
+
+    def describe(self) -> dict[str, Any]:
+        """What the file says, as plain data, without paths, and the other arms that were made."""
+        # For a run, once; most users of a cell do not ask.
+        from armguard.robot.portable import describe_robot
+
+        return {
+            "arm": self.arm,
+            "tables": describe_table(self.tables),
+            "others": {name: describe_robot(robot) for name, robot in self._other_robots.items()},
+        }
 
     @property
     def urdf(self) -> tuple[str, list[str]]:

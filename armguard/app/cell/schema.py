@@ -509,6 +509,33 @@ class CellTables(_Table, kw_only=True):
     """Who may connect."""
 
 
+PATHS: dict[type[_Table], tuple[str, ...]] = {
+    _AnyArmTable: ("urdf", "limits", "package_dirs", "cover"),
+    RobotTable: ("name",),
+    ArmTable: ("robot",),
+    ToolTable: ("mesh",),
+    KeysTable: ("secret",),
+    CellTables: ("settings_from",),
+}
+"""Keys whose values are paths, or can be. What they lead to counts, and not where it lies."""
+
+
+def describe_table(value: Any) -> Any:
+    """What tables say, as plain data, without paths."""
+    if isinstance(value, msgspec.Struct):
+        paths = {key for kind, keys in PATHS.items() if isinstance(value, kind) for key in keys}
+        return {
+            key: describe_table(one)
+            for key, one in msgspec.structs.asdict(value).items()
+            if key not in paths and one is not UNSET
+        }
+    if isinstance(value, dict):
+        return {key: describe_table(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [describe_table(one) for one in value]
+    return value
+
+
 SETTINGS_TABLES: dict[str, type[_Table]] = {
     "monitor": MonitorTable,
     "thresholds": ThresholdsTable,

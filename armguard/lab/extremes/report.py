@@ -35,14 +35,12 @@ HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5
 
 HEAD = """# At the extremes
 
-What armguard does far away from everyday numbers, as `{command}` found it.
+{summary} `{command}` wrote this page.
 
-- **Sound**: no contact time is later than a contact that is possible. Single evaluations are held against exact rational arithmetic, which knows no rounding; whole ticks against an adversary, an arm and a ball that run at each other within their bounds.
-- **Tight**: contact time over that contact, in the median and in the worst case of the line. The adversary is none of the best, and knows the true surface, not the cover: what it does not reach is no proof that an answer is loose.
+- **Sound**: no contact time is later than a contact that is possible. Single evaluations are compared with exact rational arithmetic. Whole ticks are compared with an adversary: an arm and a ball that run at each other within their bounds.
+- **Tight**: contact time over that contact, in the median and in the worst case of the line. The adversary is not the best one, and knows the true surface, not the cover. So a lower figure does not prove that an answer is loose.
 - **Price**: processor time of one evaluation, or of one tick after the first.
 - **Refused**: by an error, or by a STOP, with its reason.
-
-{summary}
 """  # noqa: E501  # a paragraph of Markdown is one line
 
 

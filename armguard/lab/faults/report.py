@@ -105,10 +105,10 @@ def summarise(report: CampaignReport) -> str:
     hit = sum(outcome.ignoring.contacts > 0 for outcome in tried)
     distance = 1e3 * report.whole.distance
     told = (
-        f"{report.whole.contacts} contacts of the arm that obeys, which moved "
+        f"{report.whole.contacts} contacts of the arm that obeys. It moved "
         f"{100.0 * report.whole.moving:.0f} % of the time and came no nearer than "
-        f"{distance:.0f} mm while it did; the control, which obeys nothing, was hit in {hit} of "
-        f"{len(tried)} faults."
+        f"{distance:.0f} mm while it did. The control, an arm that ignores verdicts, was hit in "
+        f"{hit} of {len(tried)} faults."
     )
     if untried:
         told += f" {UNTRIED.capitalize()}: {', '.join(untried)}."

@@ -202,6 +202,11 @@ class DaaSchedule:
         self._compile()
         self.tick = -1
 
+    @property
+    def as_data(self) -> dict[str, object]:
+        """What it was made with, as plain data."""
+        return {"period": self.period, "law": self.law, "sort": self.sort}
+
     def __len__(self) -> int:
         return len(self._rows)
 

@@ -24,6 +24,9 @@ from armguard.scheduling.paper.arguments import (
 class FullSchedule:
     """All pairs are due, none is ever flagged."""
 
+    as_data = "full"
+    """What it was made with, as plain data: the word of the setting."""
+
     def __init__(self) -> None:
         self._contact_times: FloatArray = np.empty(0)
         self._settled: IntArray = np.empty(0, dtype=np.int64)

@@ -39,6 +39,8 @@ export class Panels {
     }));
     element("others").replaceChildren(
       ...scene.others.map((other) => legendRow(other.sign, paint(other.paint), null, other.text)));
+    element("configuration").textContent = `configuration ${scene.configuration}`;
+    element("configuration").hidden = !scene.configuration;
     this.layBuckets(scene);
     for (const id of ["times", "cause", "figures", "structure", "legend"]) element(id).hidden = this.isModel;
     element("model").hidden = !this.isModel;
@@ -154,7 +156,7 @@ export class Panels {
       const row = document.createElement("tr");
       const late = old === null || (timeout !== null && old > timeout);
       const slow = !late && timeout !== null && old > SLUGGISH * timeout;
-      const told = old === null ? "never heard"
+      const told = old === null ? "nothing received"
         : `${(1000 * Math.max(old, 0)).toFixed(0)} ms${late || slow ? "" : " old"}`;
       for (const text of [
         name,

@@ -1,6 +1,7 @@
 import inspect
 import math
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from msgspec import UNSET
 from armguard import ContactLimit
 from armguard.app.cell import Cell
 from armguard.exceptions import ArmguardError, CellError
+from armguard.monitor.configuration import digest_configuration
 from armguard.people import BOUNDS
 from armguard.recording import Recorder
 from armguard.robot import Robot
@@ -39,7 +41,7 @@ def test_the_example_gives_robot_obstacles_and_monitor(example):
     assert monitor.period == 0.001
     verdict = monitor.step(0.0, READY, np.zeros(7))
     assert [str(reason) for reason in verdict.reasons][:1] == [
-        "source silent: camera (never heard, expected a message every 0.2 s or sooner)"
+        "source silent: camera (nothing received, expected a message every 0.2 s or sooner)"
     ]
     # The table is ignored, the pillar is out of reach, and somebody may come in by the door.
     assert verdict.obstacle == "door"
@@ -592,3 +594,107 @@ def test_mistakes_about_keys_name_file_and_key(tmp_path, change, words):
         return
     with pytest.raises(CellError, match=words):
         Cell.from_text(text, tmp_path).make_authenticator()
+
+
+def digest(text, folder=".", arm=None):
+    """The digest of the configuration that a cell file makes."""
+    cell = Cell.from_text(text, folder, arm)
+    return digest_configuration(cell.build()[2], cell.describe())
+
+
+WHOLE = """
+[robot]
+name = "panda"
+payload = 1
+operating = { velocity = 0.5, acceleration = 0.5 }
+[sources.camera]
+latency = 0.01
+rate = 30
+[sources.scanner]
+[bounds]
+speed = 2
+accel = 10
+[statics.post]
+position = [1, 0, 0]
+radius = 0.1
+[statics.wall]
+position = [-2, 0, 0]
+radius = 0.1
+[thresholds]
+latency = 0.003
+"""
+
+
+def test_the_order_of_tables_and_the_form_of_numbers_change_no_digest():
+    first = digest(WHOLE)
+    head, *tables = re.split(r"(?m)^(?=\[)", WHOLE)
+    assert digest("".join([head, *reversed(tables)])) == first
+    for one, other in (
+        ("payload = 1\n", "payload = 1.0\n"),
+        ("latency = 0.003", "latency = 3e-3 # as measured"),
+        ("rate = 30\n", "rate = 3.0e1\n"),
+        ("[1, 0, 0]", "[\n  1.0, 0, -0,\n]"),
+        ("velocity = 0.5, acceleration = 0.5", "acceleration = 0.5, velocity = 0.5"),
+    ):
+        assert one in WHOLE
+        assert digest(WHOLE.replace(one, other)) == first
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("payload = 1", "payload = 0.5"),
+        ("velocity = 0.5", "velocity = 0.51"),
+        ("latency = 0.01", "latency = 0.011"),
+        ("rate = 30", "rate = 25"),
+        ("[sources.scanner]", "[sources.radar]"),
+        ("[sources.scanner]", '[sources.scanner]\nclock = "unix"'),
+        ("[sources.scanner]", "[sources.scanner]\nmax_obstacles = 9"),
+        ("speed = 2", "speed = 2.000000000000001"),
+        ("[statics.post]", "[statics.pole]"),
+        ("radius = 0.1", "radius = 0.11"),
+        ("latency = 0.003", "latency = 0.002"),
+        ("[thresholds]", "[joint_state]\nclock_error = 0.001\n[thresholds]"),
+        ("[thresholds]", "[clouds]\n[thresholds]"),
+        ("[thresholds]", "[frames.eye]\nxyz = [1, 1, 1]\n[thresholds]"),
+        ('name = "panda"', 'name = "panda"\nlevel = 1'),
+        ("payload = 1", "payload = 1\nbase = { xyz = [0, 0, 0.1] }"),
+    ],
+)
+def test_whatever_a_cell_file_says_changes_the_digest(one, other):
+    assert one in WHOLE
+    assert digest(WHOLE.replace(one, other, 1)) != digest(WHOLE)
+
+
+def test_where_the_files_of_a_robot_lie_does_not_count(tmp_path):
+    robot = Path(__file__).parents[3] / "robots" / "panda"
+    text, found = WHOLE.replace('"panda"', '"arm"'), set()
+    for name in ("one", "two"):
+        shutil.copytree(robot, tmp_path / name / "arm")
+        found.add(digest(text, tmp_path / name))
+    assert len(found) == 1
+    file = tmp_path / "two" / "arm" / "robot.toml"
+    written = file.read_text()
+    file.write_text(written.replace("acceleration = 7.5", "acceleration = 7.6"))
+    assert file.read_text() != written
+    assert digest(text, tmp_path / "two") not in found
+
+
+def test_another_arm_of_the_cell_counts_as_it_is():
+    text = """
+[sources]
+[[robots]]
+name = "left"
+robot = "panda"
+[[robots]]
+name = "right"
+robot = "panda"
+base = { xyz = [1, 0, 0] }
+"""
+    digests = [digest(text, arm=arm) for arm in ("left", "right")]
+    digests.append(digest(text.replace("[1, 0, 0]", "[1.1, 0, 0]"), arm="left"))
+    other = text.replace("base =", 'operating = "published"\nbase =')
+    digests.append(digest(other, arm="left"))
+    other = text.replace('robot = "panda"\nbase', 'robot = "ur5"\nbase')
+    digests.append(digest(other, arm="left"))
+    assert len(set(digests)) == 5

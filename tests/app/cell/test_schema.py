@@ -1,6 +1,21 @@
+import ast
+import inspect
+import itertools
+import re
+import textwrap
+
 import pytest
 
 from armguard.app.cell import Cell
+from armguard.app.cell.schema import (
+    PATHS,
+    ArmTable,
+    CellTables,
+    RobotTable,
+    _Table,
+    describe_table,
+    parse_cell,
+)
 from armguard.exceptions import CellError
 
 ROBOT = '[robot]\nname = "panda"\n'
@@ -138,3 +153,54 @@ def test_what_is_no_toml_is_refused(content, tmp_path):
     (tmp_path / "mine.toml").write_bytes(content)
     with pytest.raises(CellError, match=r"mine\.toml"):
         Cell.load(tmp_path / "mine.toml")
+
+
+def test_each_key_that_may_hold_a_path_is_known_as_one():
+    """So that where files lie does not count in the digest of a configuration."""
+    tables = [CellTables, *_Table.__subclasses__(), RobotTable, ArmTable]
+    found = {
+        (kind, name)
+        for kind in tables
+        for name, text in read_texts(kind).items()
+        if re.match(r"Paths? |Folders ", text) or "armguard knows, as `armguard robots`" in text
+    }
+    told = {(kind, name) for kind, names in PATHS.items() for name in names}
+    assert found <= told
+    # `robot` of `[[robots]]` is told of as `name` of `[robot]`, which may be a folder.
+    assert told - found == {(ArmTable, "robot")}
+
+
+def read_texts(kind):
+    """What the class itself says below each of its keys."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0].body
+    return {
+        field.target.id: text.value.value
+        for field, text in itertools.pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
+
+
+def test_tables_are_described_without_paths_and_with_all_else():
+    text = """
+[robot]
+urdf = "a/arm.urdf"
+limits = "a/robot.toml"
+package_dirs = ["a"]
+cover = "a/cover.json"
+payload = 2
+[frames.cover]
+xyz = [1, 0, 0]
+[sources.mesh]
+[tool]
+name = "gripper"
+link = "hand"
+mesh = "a/gripper.stl"
+mesh_scale = 0.001
+"""
+    told = describe_table(parse_cell(text, "cell", None))
+    assert told == describe_table(parse_cell(text.replace('"a', '"/elsewhere/b'), "cell", None))
+    assert told["robot"]["payload"] == 2.0
+    assert told["tool"]["mesh_scale"] == 0.001
+    assert set(told["frames"]) == {"cover"}
+    assert set(told["sources"]) == {"mesh"}
+    assert "/" not in str(told)

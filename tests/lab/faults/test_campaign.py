@@ -18,6 +18,7 @@ WORST = [EXCHANGED._replace(duration=DEFAULT_DURATION), KILLED]
 """Data that are sound and wrong, and no monitor at all until a new one starts."""
 
 
+@pytest.mark.hazard("H-07", "H-14")
 def test_exchanged_people_and_a_killed_monitor_are_noticed_and_nobody_is_touched():
     told = []
     report = run_campaign(WORST, lambda text, done: told.append((text, done)))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from armguard.recording.provenance import (
+from armguard.monitor.provenance import (
     NAMES,
     describe_provenance,
     digest_package,

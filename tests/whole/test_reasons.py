@@ -9,8 +9,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_the_page_of_reasons_is_what_its_script_writes():
-    script = runpy.run_path(str(DOCS / "make_troubleshooting.py"))
-    assert (DOCS / "troubleshooting.md").read_text(encoding="utf-8") == script["write_page"]()
+    script = runpy.run_path(str(DOCS / "make_reasons.py"))
+    assert (DOCS / "reasons.md").read_text(encoding="utf-8") == script["write_page"]()
 
 
 @pytest.mark.parametrize("kind", list(ReasonKind), ids=lambda kind: kind.name)
@@ -18,4 +18,4 @@ def test_each_reason_says_what_to_do(kind):
     assert kind.remedy.endswith(".")
     assert len(kind.remedy.split()) > 5
     assert "|" not in kind.text + kind.remedy
-    assert f"| {kind.text} |" in (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    assert f"| {kind.text} |" in (DOCS / "reasons.md").read_text(encoding="utf-8")

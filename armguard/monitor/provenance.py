@@ -37,11 +37,12 @@ NAMES = {
     "llvmlite": "another compiler (llvmlite)",
     "numpy": "another version of NumPy",
     "pinocchio": "another version of Pinocchio",
+    "coal": "another version of Coal",
     "python": "another version of Python",
 }
 """What a difference in each is called."""
 
-_DISTRIBUTIONS = ("armguard", "numba", "llvmlite", "numpy")
+_DISTRIBUTIONS = ("armguard", "numba", "llvmlite", "numpy", "coal")
 
 
 def describe_provenance(robot: Robot) -> dict[str, str]:

@@ -1,0 +1,118 @@
+"""One short digest of all that verdicts depend on, beside what comes in while a monitor runs.
+
+Two monitors with one digest give the same verdicts on the same inputs, as far as their processors
+compute alike. The digest is made of numbers to the last bit, and of names without their order. It
+does not depend on where files lie, on the order of the keys in a file, or on how a number is
+written there. Nor does it depend on the machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from armguard.monitor.monitor import Monitor
+from armguard.monitor.portable import describe_settings
+from armguard.monitor.provenance import describe_software
+from armguard.robot.portable import describe_robot
+
+LENGTH = 16
+"""Hexadecimal digits of a digest."""
+
+_OF_THE_MACHINE = ("machine", "processor", "processor_features")
+
+
+def digest_configuration(monitor: Monitor, cell: Any = None) -> str:
+    """The digest of a monitor's configuration, in 16 hexadecimal digits.
+
+    It covers the robot as it is (joints, limits, errors, brakes, links, covers, attached bodies),
+    all settings of the monitor and its table of obstacles, what stands still, tethers and
+    exemptions as they are now, and the versions of armguard and of what it computes with.
+
+    Args:
+        monitor: Before its first step.
+        cell: What else counts, as plain data, such as what a cell file says of streams.
+
+    Raises:
+        ArmguardError: The schedule is one of the application's own, which nothing can describe.
+    """
+    return digest_data(describe_configuration(monitor, cell))
+
+
+def describe_configuration(monitor: Monitor, cell: Any = None) -> dict[str, Any]:
+    """What the digest is made of, as plain data; as `digest_configuration`."""
+    settings = describe_settings(monitor)
+    del settings["choice"]  # what was chosen stands among the settings
+    sources = settings["obstacles"]["sources"]
+    if sources is not None:
+        settings["obstacles"]["sources"] = {source["name"]: source for source in sources}
+    software = describe_software()
+    for name in _OF_THE_MACHINE:
+        del software[name]
+    return {
+        "software": software,
+        "robot": describe_robot(monitor.robot),
+        "settings": settings,
+        "payload": monitor.payload,
+        "places": _describe_places(monitor),
+        "tethers": sorted(
+            [*sorted((one.a, one.b)), one.length] for one in monitor.obstacles.tethers
+        ),
+        "exemptions": [
+            [*one.pair, one.until, None if one.zone is None else one.zone.points.tolist()]
+            for one in monitor.exemptions
+        ],
+        "cell": cell,
+    }
+
+
+def digest_data(data: Any) -> str:
+    """The digest of plain data."""
+    encoded = msgspec.json.encode(normalise(data), order="deterministic")
+    return hashlib.sha256(encoded).hexdigest()[:LENGTH]
+
+
+def normalise(value: Any) -> Any:
+    """Plain data in a form that JSON writes in one way only.
+
+    A number becomes "n" with its bits, whether it was an integer or not; a text becomes "s" with
+    itself.
+
+    Raises:
+        TypeError: It is no plain data.
+    """
+    match value:
+        case None | bool():
+            return value
+        case int() | float():
+            return f"n{_write_number(value)}"
+        case str():
+            return f"s{value}"
+        case Mapping():
+            return {str(name): normalise(one) for name, one in value.items()}
+        case list() | tuple():
+            return [normalise(one) for one in value]
+    raise TypeError(f"no plain data: {value!r}")
+
+
+def _write_number(value: float) -> str:
+    return str(value) if isinstance(value, int) and abs(value) > 2**53 else float(value).hex()
+
+
+def _describe_places(monitor: Monitor) -> dict[str, Any]:
+    """What stands still, and the entrances, by id."""
+    table, ids = monitor.obstacles.table, monitor.obstacles.ids
+    return {
+        ids[row]: [
+            table.points[row, : table.point_count[row]].tolist(),
+            float(table.radius[row]),
+            [float(table.speed[row]), float(table.accel[row])]
+            if monitor.obstacles.is_entrance(row)
+            else None,
+        ]
+        for row in np.flatnonzero(table.alive & table.static).tolist()
+    }

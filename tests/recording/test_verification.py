@@ -1,0 +1,241 @@
+"""Whoever changes a recording is found: one byte, one chunk, the order, the end, a file."""
+
+import hashlib
+import itertools
+import random
+import re
+import shutil
+
+import pytest
+
+from armguard.exceptions import ArmguardError
+from armguard.recording.chain import Link
+from armguard.recording.events import FORMAT, NUMBERS, Log, Time
+from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
+from armguard.recording.parts import Rotation, open_file
+from armguard.recording.signing import read_signing_key, write_signing_pair
+from armguard.recording.verification import verify
+from armguard.recording.writer import PatientFile, RecordingWriter
+from support.chain_links import frame, make_record, read_links
+
+CHUNKS = 6
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory):
+    """Secret and public file of who records."""
+    return write_signing_pair("recorder", tmp_path_factory.mktemp("keys"))[:2]
+
+
+def write_run(path, *, is_ended=True, **options):
+    """A recording of one line a second in six chunks."""
+    file = PatientFile(open_file(path))
+    writer = RecordingWriter(file, WriterOptions(str(path), **options))
+    writer.take(pack_record(NOTED, 1, ("armguard", {"format": str(FORMAT)})))
+    writer.take(pack_record(ATTACHED, 1, ("notes.json", "", b"{}")))
+    for second in range(CHUNKS):
+        for number in range(3):
+            time = 1_000_000_000 * (second + 1) + number
+            log = Log(timestamp=Time(second, number), level=3, message="a line")
+            writer.take(pack_record(NUMBERS[Log], time, log))
+        writer.flush(float(second))
+    if is_ended:
+        writer.finish()
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, keys):
+    return write_run(tmp_path_factory.mktemp("whole") / "run.mcap", key=str(keys[0])).read_bytes()
+
+
+def split(data):
+    """What stands in front of each link, with the link: the start, each chunk, the end."""
+    ends = [0, *(end for *_, end in read_links(data)[:-1]), len(data)]
+    return [data[begin:end] for begin, end in itertools.pairwise(ends)]
+
+
+def find(data, path, **options):
+    """What is found in a file of these bytes."""
+    path.write_bytes(data)
+    (result,) = verify(path, **options)
+    return result
+
+
+def test_a_recording_as_it_was_written_is_intact(whole, tmp_path, keys):
+    for options in ({}, {"key": read_signing_key(keys[1])}):
+        result = find(whole, tmp_path / "a.mcap", **options)
+        assert result.is_intact
+        assert result.problems == ()
+        assert result.chunks == CHUNKS
+        assert result.keys == (read_signing_key(keys[1]),)
+
+
+@pytest.mark.hazard("H-11")
+def test_any_byte_that_is_changed_is_found(whole, tmp_path):
+    """In chunks, links, index, and the lengths of records: wherever it is."""
+    rng = random.Random(0)
+    places = [*rng.sample(range(len(whole)), 150), 8, len(whole) - 1]
+    for _, begin, end in read_links(whole):
+        places += [*range(begin, begin + 14), rng.randrange(begin, end), end - 1]
+    changes = [(place, 1 << rng.randrange(8)) for place in places]
+    # Letters of the last link in the other case: the same digits, and another file.
+    _, begin, end = read_links(whole)[-1]
+    changes += [(place, 0x20) for place in range(begin, end) if chr(whole[place]) in "abcdef"]
+    for place, bits in changes:
+        data = bytearray(whole)
+        data[place] ^= bits
+        if place < 8:
+            with pytest.raises(ArmguardError, match="is no MCAP file"):
+                find(data, tmp_path / "a.mcap")
+        else:
+            assert not find(data, tmp_path / "a.mcap").is_intact, place
+
+
+def test_a_changed_byte_is_named_by_its_chunk_and_time(whole, tmp_path):
+    parts = split(whole)
+    for number in range(CHUNKS + 2):
+        changed = bytearray(parts[number])
+        changed[40] ^= 1
+        result = find(b"".join([*parts[:number], changed, *parts[number + 1 :]]), tmp_path / "a")
+        (told, *_) = result.problems
+        if number == 0:
+            assert "in front of all chunks" in told
+        elif number <= CHUNKS:
+            assert re.match(rf"chunk {number}, recorded from 1970-.*:0{number}\.000 to ", told)
+            assert len(result.problems) == 1
+        assert result.chunks == CHUNKS - (1 <= number <= CHUNKS)
+
+
+@pytest.mark.hazard("H-11")
+def test_a_removed_chunk_is_named(whole, tmp_path):
+    parts = split(whole)
+    for number in range(1, CHUNKS + 1):
+        result = find(b"".join(parts[:number] + parts[number + 1 :]), tmp_path / "a.mcap")
+        assert [one for one in result.problems if re.match(rf"chunk {number}, .*missing", one)]
+        assert not any("bytes were changed" in one for one in result.problems[1:])
+    result = find(b"".join([*parts[:2], *parts[5:]]), tmp_path / "a.mcap")
+    assert re.match(r"chunks 2 to 4, recorded from .*:01\.000 to .*:05\.000", result.problems[0])
+
+
+@pytest.mark.hazard("H-11")
+def test_chunks_that_were_exchanged_are_named(whole, tmp_path):
+    parts = split(whole)
+    parts[2], parts[5] = parts[5], parts[2]
+    told = find(b"".join(parts), tmp_path / "a.mcap").problems
+    assert re.match(r"chunk 5, .*stands where chunk 2 was", told[0])
+    assert re.match(r"chunk 2, .*stands where chunk 5 was", told[1])
+    parts = split(whole)
+    told = find(b"".join([*parts[:4], parts[3], *parts[4:]]), tmp_path / "a.mcap").problems
+    assert any("chunk 3: it is there 2 times" in one for one in told)
+
+
+@pytest.mark.hazard("H-11")
+def test_an_end_that_is_cut_off_is_found_and_what_is_left_verifies(whole, tmp_path):
+    links = read_links(whole)
+    for length in [*range(200, len(whole), len(whole) // 60), len(whole) - 1]:
+        try:
+            result = find(whole[:length], tmp_path / "a.mcap")
+        except ArmguardError:
+            assert length < links[0][2]
+            continue
+        there = [link for link, _, end in links if end <= length]
+        assert result.chunks == sum(0 < link.chunk <= CHUNKS for link in there)
+        assert not result.is_intact
+        (told,) = result.problems
+        if there[-1].tail:
+            assert "index" in told
+        else:
+            assert "the end is missing: the last that is there is" in told
+            assert result.last == there[-1].end
+
+
+def forge(whole, change):
+    """Change a line, and make the chain anew as anybody can who has the file and no key."""
+    data, place, head = b"", 0, ""
+    for link, begin, end in read_links(whole):
+        content = change(whole[place:begin])
+        place = end
+        digest = hashlib.sha256(content).hexdigest()
+        link = link._replace(content=digest, before=head, key="", signature="")
+        record = make_record(link.to_fields())
+        data += content + frame(record)
+        head = link.head
+    return data + whole[place:]
+
+
+@pytest.mark.hazard("H-11")
+def test_a_chain_that_was_made_anew_is_found_by_the_key_alone(whole, tmp_path, keys):
+    data = forge(whole, lambda content: content.replace(b"notes.json", b"other.json"))
+    # The lengths are others, and so the index does not fit: a careful forger mends that, too.
+    told = find(data, tmp_path / "a.mcap").problems
+    assert not any("bytes" in one for one in told if "index" not in one)
+    told = find(data, tmp_path / "a.mcap", key=read_signing_key(keys[1])).problems
+    assert sum("it is not signed" in one for one in told) == CHUNKS + 2
+
+
+def test_another_key_is_named(whole, tmp_path):
+    other = read_signing_key(write_signing_pair("other", tmp_path)[1])
+    told = find(whole, tmp_path / "a.mcap", key=other).problems
+    assert len(told) == CHUNKS + 2
+    assert all("it is signed by" in one for one in told)
+
+
+def test_a_signature_that_is_missing_among_others_is_found(whole, tmp_path):
+    link, begin, end = read_links(whole)[3]
+    record = make_record(link._replace(key="", signature="").to_fields())
+    data = whole[:begin] + frame(record) + whole[end:]
+    told = find(data, tmp_path / "a.mcap").problems
+    assert any("it is not signed, and others are" in one for one in told)
+
+
+def test_a_recording_goes_on_in_files_of_which_none_can_be_missed(tmp_path, keys):
+    first = write_run(tmp_path / "run.mcap", key=str(keys[0]), rotation=Rotation(duration=2.0))
+    names = ["run.mcap", "run.2.mcap", "run.3.mcap"]
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == sorted(names)
+    results = verify(first, read_signing_key(keys[1]))
+    assert [one.path.name for one in results] == names
+    assert [one.problems for one in results] == [(), (), ()]
+    assert sum(one.chunks for one in results) == CHUNKS
+    # From any part on, so that old ones may be removed.
+    assert all(one.is_intact for one in verify(tmp_path / "run.2.mcap"))
+
+    (tmp_path / "run.3.mcap").rename(tmp_path / "x")
+    *_, last = verify(first)
+    assert "run.3.mcap, in which the recording goes on, is missing" in last.problems[-1]
+    shutil.copy(tmp_path / "run.2.mcap", tmp_path / "run.3.mcap")
+    assert any("does not go on from the file before" in str(one.problems) for one in verify(first))
+    (tmp_path / "run.3.mcap").write_bytes(b"")
+    *_, last = verify(first)
+    assert "missing or empty" in last.problems[-1]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(b"", "is no MCAP file"), (b"q,v", "is no MCAP file"), (b"\x89MCAP0\r\n", "no chain")],
+)
+def test_what_has_no_chain_is_refused(content, words, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content)
+    with pytest.raises(ArmguardError, match=words):
+        verify(path)
+    with pytest.raises(ArmguardError, match="cannot be read"):
+        verify(tmp_path / "nowhere.mcap")
+
+
+def test_what_anybody_writes_into_a_file_makes_no_error(whole, tmp_path):
+    """Links with any numbers and words, and any bytes between them."""
+    rng = random.Random(1)
+    for _ in range(30):
+        link = Link(
+            rng.choice([1, -3, 2**70]),
+            rng.choice([0, 1, 2**70, -5]),
+            rng.choice([0, -(2**80), 2**80]),
+            1,
+            *["x"] * rng.choice([2, 3, 4, 6]),
+        )
+        record = make_record(link.to_fields())
+        extra = frame(record)
+        place = rng.choice([end for *_, end in read_links(whole)])
+        result = find(whole[:place] + extra + whole[place:], tmp_path / "a.mcap")
+        assert not result.is_intact
