@@ -218,6 +218,8 @@ class Drive:
     """How long to drive, in seconds."""
     json: Flag = False
     """Print one JSON object at the end; what is for people goes to standard error."""
+    again: Flag = False
+    """Nobody has just started this: a robot that a person must start stands, as after a fault."""
     parent: int | None = None
     """End when this process is no longer the one that started this command."""
 
