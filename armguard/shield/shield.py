@@ -123,6 +123,8 @@ class Shield:
         self._has_left = False
         self._at_rest = robot.velocity_error + self._errors[1]
         self._error = error = robot.position_error + self._errors[0]
+        # As slow as an arm at rest may be, it leaves where it was measured by these errors in time.
+        self._oldest = float((error / self._at_rest).min())
         self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         self._continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
         empty = np.empty((0, joints))
@@ -203,12 +205,15 @@ class Shield:
         if time is None or time.shape != ():
             return self._go_on(verdict, _refuse("now", "is no finite number"))
         now = self._now = float(time)
-        piece = self._find_piece(now, q, v, verdict)
+        measured = time if stamp is None else _read_numbers(stamp)
+        is_old = measured is None or not bool(np.all(now - measured <= self._oldest))
+        piece = self._find_piece(now, q, v, verdict, is_old=is_old)
         if self._payload != self._monitor.payload and (piece is None or piece.end <= now):
             self._follow_payload()
         reason = self._choose_task(velocity, chunk)
         if piece is None:
-            return self._go_on(verdict, reason)
+            unknown = _refuse("arm", "is not known to rest anywhere")
+            return self._go_on(verdict, reason or find_weightiest(verdict.reasons) or unknown)
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
             shown: list[_Piece] = []
@@ -303,7 +308,7 @@ class Shield:
         return None
 
     def _find_piece(
-        self, now: float, q: ArrayLike, v: ArrayLike, verdict: Verdict
+        self, now: float, q: ArrayLike, v: ArrayLike, verdict: Verdict, *, is_old: bool
     ) -> _Piece | None:
         """What the arm is on; None where nothing is known of where it is.
 
@@ -311,7 +316,8 @@ class Shield:
         moved by somebody, and commands may be lost. So once the motion has ended and the arm rests,
         it is taken to be where it was measured, unless it may be at that end: a place to rest does
         not follow each measured one, and the arm does not creep. Nor does it follow joint states
-        that the monitor does not believe, until a reset. No motion begins beyond position limits.
+        that the monitor does not believe, until a reset, nor old ones: an arm that was slow then
+        may have gone on. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
@@ -319,6 +325,8 @@ class Shield:
             if now < piece.samples.times[-1]:
                 return piece
         if any(reason.kind.effect is Effect.LATCHED for reason in verdict.reasons):
+            return piece
+        if is_old:
             return piece
         place, speeds = _read_numbers(q), _read_numbers(v)
         shape = self.limits.velocity.shape

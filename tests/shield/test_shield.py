@@ -380,6 +380,20 @@ def test_an_arm_that_is_measured_a_little_beyond_a_limit_begins_at_the_limit():
     assert command.q[0, 1] == lower[1]
 
 
+def test_an_arm_is_not_taken_to_be_where_it_was_a_while_ago():
+    arm = ShieldedArm(0, balls=0)
+    still = np.zeros(7)
+    for age in (0.3, 0.1):
+        arm.see()
+        arm.shield.reset()
+        command = arm.shield.step(arm.now, HOME, still, arm.now - age, velocity=NEAR)
+        assert not command.is_new, age
+        assert command.reason is not None
+        arm.now += 1.0 / RATE
+    arm.see()
+    assert arm.shield.step(arm.now, HOME, still, arm.now - 0.01, velocity=NEAR).is_new
+
+
 @pytest.mark.parametrize("wrong", [{"off": 1.0}, {"off": np.nan}, {"late": 0.5}])
 def test_the_place_of_an_arm_that_rests_follows_no_joint_state_that_is_not_believed(wrong):
     arm = ShieldedArm(0, balls=0)
