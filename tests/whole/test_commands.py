@@ -72,6 +72,7 @@ RUN = {
         "armguard replay demo.mcap",
         "armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3",
         "armguard replay demo.mcap --csv verdicts.csv",
+        "armguard check demo.mcap",
     ],
 }
 
