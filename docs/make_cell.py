@@ -61,6 +61,7 @@ TYPES = {
     "tuple[Positive, Positive, Positive]": "3 numbers above 0",
     "Name": "string",
     "list[Name]": "strings",
+    "list[list[float]]": "rows of numbers",
     "list[IgnoreEntry]": "rows of 2 or 3 strings",
     "list[IgnoreEntry | IgnoreTable]": "rows of 2 or 3 strings, or tables",
     "Annotated[list[Vector], Meta(min_length=4, max_length=8)]": "4 to 8 rows of 3 numbers",

@@ -135,6 +135,8 @@ class Run:
     """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
     drive: Flag = False
     """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
+    proof_interval: float | None = None
+    """Seconds between two proofs in the recording; inf: none. By default it is 0.1."""
     sign: Path | None = None
     """Sign the recording: the secret file that `armguard keys new --recordings` wrote."""
     part_hours: float | None = None
@@ -218,6 +220,8 @@ class Drive:
     """How long to drive, in seconds."""
     json: Flag = False
     """Print one JSON object at the end; what is for people goes to standard error."""
+    again: Flag = False
+    """Nobody has just started this: a robot that a person must start stands, as after a fault."""
     parent: int | None = None
     """End when this process is no longer the one that started this command."""
 
@@ -279,6 +283,25 @@ class Replay:
         from armguard.app.replay import replay
 
         return replay(self)
+
+
+@command
+class Check:
+    """Check the proofs of a recording by a program that shares nothing with armguard.
+
+    Example: armguard check run.mcap
+    """
+
+    file: Positional[Path]
+    """What `--record` or `armguard.Recorder` wrote."""
+    json: Flag = False
+    """Print one JSON object; what is for people goes to standard error."""
+
+    def run(self) -> int:
+        """Check; the exit code is 1 where there is no proof, or one does not hold."""
+        from armguard.app.check import check
+
+        return check(self)
 
 
 @command
@@ -693,7 +716,7 @@ class Robots:
 
 GROUPS: dict[str, dict[str, type[Command]]] = {
     "run": {"demo": Demo, "run": Run, "shield": Shield, "drive": Drive, "reset": Reset},
-    "look": {"view": View, "replay": Replay, "show": Show, "robots": Robots},
+    "look": {"view": View, "replay": Replay, "check": Check, "show": Show, "robots": Robots},
     "prepare": {
         "robot": NewRobot,
         "cover": Cover,

@@ -11,15 +11,16 @@ from msgspec import UNSET
 
 from armguard.app.announcer import Announcer
 from armguard.app.cell.cell import Cell
-from armguard.app.cell.schema import MOST_DOMAINS, Ros2Table, UrTable, make_error
+from armguard.app.cell.schema import MOST_DOMAINS, FrankaTable, Ros2Table, UrTable, make_error
 from armguard.app.processes import COMPLAINT, complain, noted_interrupts
 from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
 from armguard.bridges.messages import ObstacleReader
 from armguard.bridges.ros2 import FrameErrors
-from armguard.drivers.options import DriveOptions, ObstacleTopic, Ros2Options
+from armguard.drivers.options import DriveOptions, FrankaOptions, ObstacleTopic, Ros2Options
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
+from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.streams.addresses import check_address
 from armguard.streams.keys import Keys
@@ -71,11 +72,12 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         check_address(address, has_keys=key_files is not None)
     robot = cell.make_robot()
     payload = cell.tables.robot.payload
-    own = (
-        _describe_ur(table, robot, cell)
-        if isinstance(table, UrTable)
-        else _describe_ros2(table, robot, cell, wishes)
-    )
+    if isinstance(table, UrTable):
+        own = _describe_ur(table, robot, cell)
+    elif isinstance(table, FrankaTable):
+        own = _describe_franka(table, robot, cell)
+    else:
+        own = _describe_ros2(table, robot, cell, wishes)
     return DriveOptions(
         timeout=table.timeout,
         stop_within=table.stop_within,
@@ -87,6 +89,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         follows=cell.tables.shield is not None,
         measure=wishes.stops if wishes.measure else 0,
         key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
+        is_first=not wishes.again,
         **own,
     )
 
@@ -106,6 +109,54 @@ def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
         "names": _name_joints(table, robot.joints, cell.file),
         "speed": table.speed,
     }
+
+
+def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, Any]:
+    """What the driver of Franka Robotics alone has to know."""
+    names = _name_joints(table, robot.joints, cell.file)
+    order = [robot.joints.index(name) for name in names]
+    settings = cell.monitor_settings(robot)
+    limits = LimitsInForce(robot, settings["operating"])
+    contact_limits = settings["contact_limits"]
+    forces = [one.force for one in contact_limits.by_region.values()] if contact_limits else []
+    franka = FrankaOptions(
+        waypoints=_check_waypoints(table, robot, order, cell),
+        velocities=tuple(limits.operating_velocity[order].tolist()),
+        accelerations=tuple(limits.operating_acceleration[order].tolist()),
+        contact_force=min(filter(None, forces), default=None),
+    )
+    return {
+        "driver": "franka",
+        "host": table.host,
+        "model": table.model,
+        "rate": 1000.0,
+        "names": names,
+        "speed": table.speed,
+        "franka": franka,
+    }
+
+
+def _check_waypoints(
+    table: FrankaTable, robot: Robot, order: list[int], cell: Cell
+) -> tuple[tuple[float, ...], ...]:
+    """The waypoints of a robot that no shield moves."""
+    waypoints = tuple(map(tuple, table.waypoints))
+    key, is_shielded = "robot.driver.waypoints", cell.tables.shield is not None
+    if waypoints and is_shielded:
+        raise make_error(cell.file, key, "is there beside [shield]", "one of them")
+    if len(set(waypoints)) < 2 and not is_shielded:
+        raise make_error(cell.file, key, f"has {len(set(waypoints))}", "two different ones")
+    lower, upper = robot.lower_position_limit[order], robot.upper_position_limit[order]
+    for number, waypoint in enumerate(waypoints):
+        q = np.array(waypoint)
+        if q.shape != lower.shape or not ((lower <= q) & (q <= upper)).all():
+            raise make_error(
+                cell.file,
+                f"{key}[{number}]",
+                f"is {waypoint}",
+                "a position of each joint, from the base on, within its limits",
+            )
+    return waypoints
 
 
 def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive) -> dict[str, Any]:
@@ -167,19 +218,24 @@ def _read_domain(table: Ros2Table) -> int:
     return int(text)
 
 
-def _name_joints(table: UrTable, watched: tuple[str, ...], file: str) -> tuple[str, ...]:
+def _name_joints(
+    table: UrTable | FrankaTable, watched: tuple[str, ...], file: str
+) -> tuple[str, ...]:
     """Names of the robot's joints in the controller's order; the monitor watches all of them."""
-    from armguard.drivers.ur import JOINTS
+    from armguard.drivers import franka, ur
 
-    names = JOINTS if table.joints is None else tuple(table.joints)
-    if sorted(names) != sorted(watched):
-        raise make_error(
-            file,
-            "robot.driver.joints",
-            f"has {', '.join(names)}, and the monitor watches {', '.join(watched)}",
-            "the same joints, from the base on",
-        )
-    return names
+    known = franka.JOINTS if isinstance(table, FrankaTable) else (ur.JOINTS,)
+    if table.joints is not None:
+        known = (tuple(table.joints),)
+    for names in known:
+        if sorted(names) == sorted(watched):
+            return names
+    raise make_error(
+        file,
+        "robot.driver.joints",
+        f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
+        "the same joints, from the base on",
+    )
 
 
 def _summarise(report: Report) -> str:

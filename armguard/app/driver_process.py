@@ -84,6 +84,8 @@ class DriverProcess:
                 self._tell(f"{end}, and is not started again: no joint states come")
                 return
             self._tell(f"{end}, and is started again")
+            if "--again" not in self._words:
+                self._words.append("--again")
             self._is_ending.wait(RESTART_DELAY)
 
     def _wait(self, process: subprocess.Popen[bytes]) -> int:

@@ -277,6 +277,9 @@ class RateLoop:
         )
 
 
+PROVING_TIME = 0.5e-3
+"""What a proof, which is made now and then, and what was left are done within, in [s]."""
+
 RECORDING_CHECK_INTERVAL = 1.0
 """Between two looks whether a recording is still being written, in [s]."""
 
@@ -318,8 +321,10 @@ class RunRecording(Observer):
             self._check_writer(loop)
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Write what was left for when there is time."""
+        """Write what was left for when there is time, and prove the verdict if there is enough."""
         self.recorder.write_pending()
+        if idle > PROVING_TIME:
+            self.recorder.prove_pending()
         if loop.clock.now() >= self._next_check:
             self._check_writer(loop)
 

@@ -211,7 +211,8 @@ def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
         "--keep-days": wishes.keep_days,
     }
     if wishes.record is None:
-        for name, told in {"--sign": wishes.sign, **amounts}.items():
+        others = {"--sign": wishes.sign, "--proof-interval": wishes.proof_interval}
+        for name, told in {**others, **amounts}.items():
             if told is not None:
                 raise ArmguardError(name, "is for recordings", expected="--record beside it")
         return {}
@@ -228,7 +229,13 @@ def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
         size=wishes.part_megabytes and wishes.part_megabytes * MEGABYTE,
         keep=wishes.keep_days and wishes.keep_days * DAY,
     )
-    return {"key": wishes.sign, "rotation": rotation}
+    options = {"key": wishes.sign, "rotation": rotation}
+    if wishes.proof_interval is None:
+        return options
+    if not wishes.proof_interval >= 0.0:
+        expected = "seconds of at least 0, or inf"
+        raise ArmguardError("--proof-interval", f"is {wishes.proof_interval}", expected=expected)
+    return options | {"proof_interval": wishes.proof_interval}
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:

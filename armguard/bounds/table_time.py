@@ -98,7 +98,7 @@ def separating_direction(place: Vector, hull: Hull, ahead: float) -> Vector:
 
 
 @merged_kernel
-def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
+def aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
     """A separating direction for the time of a node, from the middle of where the sphere can be."""
     x, y, z, _, lever, _ = sphere
     for j in range(lever.shape[0]):
@@ -113,7 +113,7 @@ def _aim(sphere: ArmSphere, table: JointTable, node: int, hull: Hull) -> Vector:
 
 
 @merged_kernel
-def _is_interval_free(
+def is_interval_free(
     sphere: ArmSphere,
     table: JointTable,
     hull: Hull,
@@ -163,9 +163,9 @@ def is_free_at_once(
     are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
     if not (is_usable(hull, contact_distance) and are_finite):
         return False
-    normal = _aim(sphere, table, nodes, hull)
+    normal = aim(sphere, table, nodes, hull)
     interval = 0, nodes, 1.0
-    found: bool = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
+    found: bool = is_interval_free(sphere, table, hull, contact_distance, normal, interval)
     return found
 
 
@@ -192,10 +192,10 @@ def is_free_until(
     are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
     if not (is_usable(hull, contact_distance) and are_finite):
         return False
-    normal = _aim(sphere, table, last, hull)
+    normal = aim(sphere, table, last, hull)
     for first in (0, last - 1):
         interval = first, last, 1.0
-        is_free = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
+        is_free = is_interval_free(sphere, table, hull, contact_distance, normal, interval)
         if is_free == (first == 0):
             return is_free
     end = table.time[last] * (1.0 - TABLE_END_SLACK)
@@ -242,8 +242,8 @@ def table_contact_time(
     while last < nodes and time[last] * (1.0 - SUM_ROUNDING) < enough:
         last += 1
     if time[last] * (1.0 - SUM_ROUNDING) >= enough:
-        normal = _aim(sphere, table, last, hull)
-        if _is_interval_free(sphere, table, hull, contact_distance, normal, (first, last, 1.0)):
+        normal = aim(sphere, table, last, hull)
+        if is_interval_free(sphere, table, hull, contact_distance, normal, (first, last, 1.0)):
             return max(reached, time[last] * (1.0 - SUM_ROUNDING))
     stride = 1  # mostly another proof has reached nearly as far
     failing = nodes + 1  # the last node that failed; beyond the table: none
@@ -257,9 +257,9 @@ def table_contact_time(
         end = time[first] + part * (time[last] - time[first])
         # Try to separate both: one direction an interval, kept where only its part is halved.
         if halvings == 0:
-            normal = _aim(sphere, table, last, hull)
+            normal = aim(sphere, table, last, hull)
         interval = first, last, part
-        free = _is_interval_free(sphere, table, hull, contact_distance, normal, interval)
+        free = is_interval_free(sphere, table, hull, contact_distance, normal, interval)
         if free:
             reached = max(reached, end * (1.0 - SUM_ROUNDING))
         if halvings > 0 or (not free and stride == 1):

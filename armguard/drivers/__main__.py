@@ -12,11 +12,12 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from typing import NoReturn
 
 import msgspec
 
-from armguard.drivers.arm import Arm, ArmLostError, WrongArmError
+from armguard.drivers.arm import Arm, ArmLostError, MotionArm, ProgramArm, WrongArmError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import CONNECTING, MEASURED, WRONG, Link
 from armguard.drivers.loop import DriveLoop
@@ -57,13 +58,21 @@ def connect(
         if options.follows:
             return ros2, TrajectoryConduct(ros2, *told)
         return ros2, OverrideConduct(ros2, *told, measurement)
-    from armguard.drivers.ur import UrMotionArm, UrProgramArm
+    follow: Callable[[DriveOptions], MotionArm]
+    run: Callable[[DriveOptions], ProgramArm]
+    if options.driver == "franka":
+        from armguard.drivers.franka import FrankaMotionArm, FrankaProgramArm
 
+        follow, run = FrankaMotionArm, FrankaProgramArm
+    else:
+        from armguard.drivers.ur import UrMotionArm, UrProgramArm
+
+        follow, run = UrMotionArm, UrProgramArm
     if options.follows:
-        moved = UrMotionArm(options)
+        moved = follow(options)
         return moved, MotionConduct(moved, *told)
-    run = UrProgramArm(options)
-    return run, ProgramConduct(run, *told, measurement)
+    running = run(options)
+    return running, ProgramConduct(running, *told, measurement)
 
 
 def drive(options: DriveOptions, link: Link) -> None:

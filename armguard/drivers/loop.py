@@ -1,7 +1,8 @@
 """The loop of a driver: read verdicts and commands, publish joint states, tell the arm what to do.
 
-One thread. It wakes for each verdict, and each millisecond without one, so that an order is given
-as soon as a verdict has arrived or has expired.
+One thread. A new state is answered at once, by the newest verdict. Without one the loop wakes for
+each verdict, and each millisecond, so that an order is given as soon as a verdict has arrived or
+has expired.
 """
 
 from __future__ import annotations
@@ -77,16 +78,16 @@ class DriveLoop:
             self.turn()
 
     def turn(self) -> None:
-        """Wait for a verdict for a moment, and do what is to be done.
+        """Read the arm, or wait for a verdict for a moment, and do what is to be done.
 
         Raises:
             ArmLostError: The arm cannot be driven any more.
         """
-        verdict = self._reader.latest(WAIT)
+        state = self._arm.read()
+        verdict = self._reader.latest(WAIT if state is None else 0.0)
         now = time.monotonic()
         self._latencies.counts.verdicts += verdict is not self._verdict
         self._verdict = verdict
-        state = self._arm.read()
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at

@@ -56,15 +56,29 @@ class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
     """Whether a joint turns without end."""
 
 
+class FrankaOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """What else the driver of a Franka has to know."""
+
+    waypoints: tuple[tuple[float, ...], ...]
+    """Positions of the joints between which the driver moves it, in [rad]; empty behind a
+    shield."""
+    velocities: tuple[float, ...]
+    """What the monitor takes the joints to keep to, in [rad/s]."""
+    accelerations: tuple[float, ...]
+    """With which they may speed up, in [rad/s²]."""
+    contact_force: float | None
+    """The least force that a contact limit of the cell permits, in [N]; None: none states one."""
+
+
 class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that a driver's process has to know."""
 
     driver: str
-    """Which robot's: "ur" or "ros2"."""
+    """Which robot's: "ur", "franka" or "ros2"."""
     host: str
     """Name or address of the robot's controller, or which domain it is in."""
     model: str
-    """Which robot it is to be, such as "UR5e"."""
+    """Which robot it is to be, such as "UR5e" or "FR3"."""
     rate: float
     """Joint states a second, in [Hz]; 0: as many as come."""
     names: tuple[str, ...]
@@ -94,6 +108,11 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     read verdicts, and the monitor's public file."""
     ros2: Ros2Options | None = None
     """Of the driver "ros2" alone."""
+    franka: FrankaOptions | None = None
+    """Of the driver "franka" alone."""
+    is_first: bool = True
+    """Whether a person has just started the driver; otherwise this takes the place of a process or
+    a connection that was lost."""
     parent: int = 0
     """The process that started this one; this one ends with it."""
     link: int = -1

@@ -89,8 +89,8 @@ class ProgramConduct:
             self._restarts = self._obedience.restarts
             if self._is_pausing:
                 self._link.tell(
-                    "the monitor was started anew: the program stays paused until it is started "
-                    "on the robot"
+                    "the monitor was started anew: the program stays paused until a person "
+                    "starts it"
                 )
             self._is_pausing = False
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):

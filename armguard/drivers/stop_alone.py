@@ -12,6 +12,8 @@ def stop_alone(options: DriveOptions) -> str:
         if options.follows:
             return "the arm rests at the end of the motion that was sent last"
         return "no speed is sent any more, at which the robot must stop by itself"
+    if options.driver == "franka":
+        return "without positions the robot stops by itself"
     if stop_by_script(options.host, options.deceleration):
         return "the arm was told to stop"
     return "nothing reaches the arm, so see that it stands"

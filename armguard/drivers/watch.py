@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -34,6 +35,7 @@ END_TIMEOUT = 2.0
 
 _LIBRARIES = {
     "ur": ("ur_rtde", "rtde_receive", "ur"),
+    "franka": ("pylibfranka", "pylibfranka", "franka"),
     "ros2": ("cyclonedds", "cyclonedds", "dds"),
 }
 """By driver: its library, a module of that, and the extra that brings it."""
@@ -166,7 +168,8 @@ def watch(
         return is_ending() or time.monotonic() >= end
 
     while not is_over():
-        driver = _Driver(options)
+        is_first = options.is_first and not report.connections
+        driver = _Driver(msgspec.structs.replace(options, is_first=is_first))
         try:
             code = _attend(driver, options, report, tell, told, is_over)
         except BaseException:
@@ -220,7 +223,10 @@ def _attend(
         if driver.process.returncode not in (0, WRONG_ARM, LOST):
             # Nothing else can stop the arm now.
             how = "while it drove" if driver.is_driving else "while it connected"
-            _stop(options, f"the driver's process has ended by itself {how}", tell)
+            cause = f"the driver's process has ended by itself {how}"
+            if driver.process.returncode == -signal.SIGALRM:
+                cause += ", since the robot did not answer the client library"
+            _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
     return 0 if driver.process.returncode is None else driver.process.returncode

@@ -62,6 +62,7 @@ from armguard.verdict import Effect, PlanChoice, PlanVerdict, Reason, ReasonKind
 
 if TYPE_CHECKING:
     from armguard.bounds.planned.plan import CheckedPlan, Plan
+    from armguard.messages.proof import Proof
     from armguard.monitor.committed_pieces import CommittedPieces
     from armguard.monitor.contact_watch import ContactWatch
     from armguard.monitor.explain import Explanation
@@ -547,6 +548,30 @@ class Monitor:
         if tick is None or result.pair == NOBODY or self._unplaced:
             return None
         return self._queries.explain(tick, result.pair, by_braking=self._stopped_by_braking)
+
+    def prepare_proofs(self) -> None:
+        """Compile what `prove` runs, so that the first proof takes no longer than others."""
+        self._queries.prepare_proofs()
+
+    def prove(self, verdict: Verdict) -> Proof | None:
+        """What was proved of the pair that decided the last verdict, for `armguard_check`.
+
+        It is made when it is asked for, in the time of some evaluations. docs/proofs.md says what
+        it claims.
+
+        Args:
+            verdict: What the last step returned.
+
+        Returns:
+            The proof; None where there is nothing to prove: no pair decided, the obstacle was
+            removed since or could be anywhere, the joint state is newer than its tick or was not
+            believed, or another verdict has followed.
+        """
+        tick, result = self._last
+        is_last = tick is not None and tick.number == verdict.sequence == self._sequence
+        if tick is None or not is_last or result.pair == NOBODY or self._unplaced:
+            return None
+        return self._queries.prove(tick, result.pair, verdict)
 
     def headroom(self) -> Headroom:
         """What evaluations cost now, and which number or rate would break the budget."""

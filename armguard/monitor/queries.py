@@ -22,8 +22,11 @@ from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.settings.settings import Settings
 
 if TYPE_CHECKING:
+    from armguard.messages.proof import Proof
     from armguard.monitor.explain import Explanation
     from armguard.monitor.headroom import Attention, Headroom
+    from armguard.monitor.proof import Prover
+    from armguard.verdict import Verdict
 
 
 class Queries:
@@ -53,6 +56,7 @@ class Queries:
         self._scheduler = scheduler
         self._states = states
         self._in_force = in_force
+        self._prover: Prover | None = None
 
     def pairs(self, tick: Tick | None, limit: int) -> list[PairReport]:
         """The most imminent pairs, soonest first; none before the first tick."""
@@ -97,6 +101,30 @@ class Queries:
             has_operating=settings.has_operating,
         )
         return explanation._replace(remedies=remedies)
+
+    def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
+        """What was proved of the pair that decided the last verdict; None where nothing can be.
+
+        Args:
+            tick: The last one.
+            pair: Row × links + link.
+            verdict: Its verdict.
+        """
+        scheduler = self._scheduler
+        if pair // len(scheduler.arm.links) in self._obstacles.membership_changes():
+            return None
+        prover = self.prepare_proofs()
+        scheduler.prepare(tick)
+        return prover.prove(tick, pair, verdict)
+
+    def prepare_proofs(self) -> Prover:
+        """What makes proofs for the links that the robot has now."""
+        from armguard.monitor.proof import Prover
+
+        arm = self._scheduler.arm
+        if self._prover is None or self._prover.arm is not arm:
+            self._prover = Prover(arm, self._settings)
+        return self._prover
 
     def headroom(self, tick: Tick | None) -> Headroom:
         """What evaluations cost now; nothing is watched before the first tick."""

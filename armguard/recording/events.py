@@ -29,6 +29,7 @@ from armguard.messages.incoming import (
     ResetMessage,
     WatchMessage,
 )
+from armguard.messages.proof import Proof
 
 FORMAT = 4
 """Of recordings; a reader refuses those of another one."""
@@ -124,6 +125,7 @@ TOPICS: dict[type[Event], str] = {
     MalformedPlan: "malformed_plans",
     PlanVerdictMessage: "plan_verdicts",
     VerdictMessage: "verdict",
+    Proof: "proofs",
     BodiesChanged: "bodies",
     Gap: "gaps",
     Log: "log",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import math
 import os
 import subprocess
 import sys
@@ -48,10 +49,13 @@ from armguard.recording.parts import NO_ROTATION, Rotation, name_by_time, open_f
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.signing import FileSigner
 from armguard.robot.portable import describe_bodies, describe_robot
-from armguard.verdict import PlanVerdict, Verdict
+from armguard.verdict import Level, PlanVerdict, Verdict
 
 CAPACITY = 32 * 1024 * 1024
 """Bytes that wait for the disk at most: a minute and more of a usual cell."""
+
+PROOF_INTERVAL = 0.1
+"""Between two verdicts that are proved, in [s]."""
 
 START_TIMEOUT = 60.0
 """How long the process that writes may take to start, in [s]; the end waits for it."""
@@ -83,6 +87,8 @@ class Recorder:
         path: The file, which must not exist yet; or a folder, for a file named by the time.
         monitor: Whose inputs and verdicts are written.
         capacity: Bytes that may wait for the disk; what comes beyond is lost, and a gap is written.
+        proof_interval: Between two proofs of verdicts that are not CLEAR, in [s], at least; inf:
+            none is written.
         key: Secret file of the key that signs the file, as `armguard keys new --recordings` writes
             it; None: it is not signed.
         rotation: When the recording goes on in another file, and how long files are kept.
@@ -104,6 +110,7 @@ class Recorder:
         monitor: Monitor,
         *,
         capacity: int = CAPACITY,
+        proof_interval: float = PROOF_INTERVAL,
         key: str | Path | None = None,
         rotation: Rotation = NO_ROTATION,
         configuration: str | None = None,
@@ -111,6 +118,10 @@ class Recorder:
         check_installed()
         _check_untouched(monitor)
         rotation.check()
+        if not proof_interval >= 0.0:
+            raise ArmguardError(
+                "proof_interval", f"is {proof_interval}", expected="seconds of at least 0, or inf"
+            )
         if key is not None:
             FileSigner(key)  # a mistake is told here, and not by the process that writes
         self._monitor, self._robot = monitor, monitor.robot
@@ -123,9 +134,13 @@ class Recorder:
         """What is still to be written, in order."""
         self._is_tick_left = False
         """Whether a whole tick is among it."""
+        self._proof_interval, self._tried_at = proof_interval, -math.inf
+        self._unproved: Verdict | None = None
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
+        if proof_interval < math.inf:
+            monitor.prepare_proofs()
         start = self._describe_start(configuration or digest_configuration(monitor))
         self.path, file = open_new(Path(path))
         options = WriterOptions(
@@ -245,6 +260,7 @@ class Recorder:
     def note_state(self, stamp: object, q: Any, v: Any, now: object) -> None:
         """As `Journal` says."""
         self._stepping = True
+        self._unproved = None
         if self._is_tick_left:
             self.write_pending()
         if self._robot.revision != self._revision:
@@ -258,6 +274,12 @@ class Recorder:
             self.write_pending()
         self._is_tick_left = self._defers
         self._note(to_verdict_message, verdict)
+        # In the monitor's time, which may begin anew.
+        is_due = not 0.0 <= verdict.valid_until - self._tried_at < self._proof_interval
+        if verdict.level is not Level.CLEAR and verdict.sequence > 0 and is_due:
+            self._unproved = verdict
+            if not self._defers:
+                self.prove_pending()
 
     def defer(self) -> None:
         """Leave writing to `write_pending`, which a loop calls when it has time to spare.
@@ -267,6 +289,26 @@ class Recorder:
         of joint states must stay as they are until they are written.
         """
         self._defers = True
+
+    def prove_pending(self) -> None:
+        """Prove the last verdict, if its turn has come, and write that.
+
+        A loop that defers calls it when it has half a millisecond to spare; a verdict that is not
+        proved before the next step is left out.
+        """
+        verdict, self._unproved = self._unproved, None
+        if verdict is None or self._proof_interval == math.inf:
+            return
+        self._tried_at = verdict.valid_until
+        try:
+            proof = self._monitor.prove(verdict)
+        except Exception as error:
+            # It hurts neither the loop nor what a replay needs.
+            self.note(f"tick {verdict.sequence} could not be proved: {error!r}")
+            return
+        if proof is not None:
+            self._note(lambda: proof)
+            self.write_pending()
 
     def write_pending(self) -> None:
         """Write what was left; the loop has time to spare."""

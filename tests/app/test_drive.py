@@ -43,6 +43,68 @@ def test_what_a_cell_file_says_wrong_is_one_line(tmp_path, capsys, driver, said)
     assert said in refuse(tmp_path, capsys, driver=driver)
 
 
+FRANKA = """
+sources = {{}}
+[robot]
+name = "panda"
+operating = {{ velocity = 0.5, acceleration = 0.2 }}
+[robot.driver]
+name = "franka"
+host = "127.0.0.1"
+model = "FR3"
+{more}
+"""
+THERE, ELSEWHERE = [0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0], [0.5, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "robot.driver.waypoints: has 0"),
+        (f"waypoints = {[THERE, THERE]}", "robot.driver.waypoints: has 1"),
+        (f"waypoints = {[THERE, ELSEWHERE[:6]]}", "robot.driver.waypoints[1]"),
+        (f"waypoints = {[THERE, [*ELSEWHERE[:6], 3.0]]}", "robot.driver.waypoints[1]"),
+        (f"waypoints = {[[*THERE[:6], 'nan'], ELSEWHERE]}", "waypoints"),
+        (f"waypoints = {[THERE, ELSEWHERE]}\nrate = 500.0", "rate"),
+        (
+            f"waypoints = {[THERE, ELSEWHERE]}\n[monitor]\nmotion = 'planned'\n"
+            "[shield]\njerk = 500.0",
+            "robot.driver.waypoints: is there beside [shield]",
+        ),
+    ],
+)
+def test_waypoints_are_where_the_driver_moves_the_robot_and_nowhere_else(
+    tmp_path, capsys, more, said
+):
+    cell = tmp_path / "cell.toml"
+    cell.write_text(FRANKA.format(more=more))
+    assert main(["drive", str(cell)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_path):
+    cell = tmp_path / "cell.toml"
+    limits = "\n".join(
+        f"[contact_limits.{region}]\nsource = 'test'\n{how}"
+        for region, how in (
+            ("hand", "force = 140\nstiffness = 75000\nbody_mass = 0.6"),
+            ("forearm", "force = 120\nstiffness = 40000\nbody_mass = 1.0"),
+            ("chest", "speed = 0.1"),
+            ("head", "speed = 0.0"),
+        )
+    )
+    cell.write_text(FRANKA.format(more=f"waypoints = {[THERE, ELSEWHERE]}\n{limits}"))
+    options = make_options(Drive(cell))
+    assert options.names == tuple(f"panda_joint{k}" for k in range(1, 8))
+    assert options.franka.velocities == pytest.approx([1.0875] * 4 + [1.305] * 3)
+    assert options.franka.accelerations == pytest.approx([3.0, 1.5, 2.0, 2.5, 3.0, 4.0, 4.0])
+    assert options.franka.waypoints == (tuple(THERE), tuple(ELSEWHERE))
+    assert options.franka.contact_force == 120.0
+    assert options.is_first
+    assert not make_options(Drive(cell, again=True)).is_first
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

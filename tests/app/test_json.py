@@ -76,6 +76,7 @@ def words_of(tmp_path, recording, monkeypatch):
         "drive": ([str(driven), "--duration", "0.1"], "counts"),
         "reset": ([f"ipc://{tmp_path}/nobody", "--token", "x"], "obeyed"),
         "replay": ([str(recording)], "identical"),
+        "check": ([str(recording)], "verified"),
         "robots": ([], "robots"),
         "robot": (
             ["new", str(two_links(tmp_path)), "--out", out, "--yes", "--spheres", "2"],

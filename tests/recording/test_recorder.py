@@ -15,6 +15,7 @@ from armguard.exceptions import ArmguardError
 from armguard.messages.answers import VerdictMessage, to_verdict_message
 from armguard.messages.events import FaultsTaken, StaticObstacle
 from armguard.messages.incoming import IgnoreMessage, ObstaclesMessage, WatchMessage
+from armguard.messages.proof import Proof
 from armguard.obstacles import Obstacles, Source
 from armguard.recording import Recorder, Rotation, replay, verify, writer
 from armguard.recording import recorder as recorder_module
@@ -228,6 +229,51 @@ def test_what_is_deferred_is_bounded(tmp_path, monkeypatch):
     stand(monitor, 1, 100)
     assert recorder.close() == ""
     assert sum(isinstance(event, ObstaclesMessage) for event in read_events(path)) == 100
+
+
+def test_a_loop_that_defers_proves_its_last_verdict_when_it_says_so(tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path, proof_interval=0.01)
+    recorder.defer()
+    proved = []
+    for tick in range(30):
+        obstacles.update(["ball"], tick * PERIOD, [[0.9, 0.0, 0.5]], source="camera", radius=0.1)
+        verdict = stand(monitor, 1, tick)[0]
+        if tick != 5:
+            recorder.write_pending()
+        if tick == 10 or tick > 12:
+            # The first of these is due since the start; what nobody proved in time is left out.
+            recorder.prove_pending()
+            proved.append(verdict.sequence)
+    assert recorder.close() == ""
+    events = read_events(path)
+    proofs = [event for event in events if isinstance(event, Proof)]
+    numbers = [proof.sequence for proof in proofs]
+    assert numbers[0] == 11
+    assert len(numbers) > 2
+    assert {*numbers} <= {*proved}
+    assert (np.diff([proof.now for proof in proofs]) > 0.01 - 1e-9).all()
+    for place, event in enumerate(events):
+        if isinstance(event, Proof):
+            assert isinstance(events[place - 1], VerdictMessage)
+            assert events[place - 1].sequence == event.sequence
+    assert replay(path).is_identical
+
+
+def test_a_proof_that_cannot_be_made_is_told_in_the_file(tmp_path, monkeypatch):
+    path = tmp_path / "run.mcap"
+    recorder, obstacles, monitor = start(path)
+
+    def fail(verdict):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(monitor, "prove", fail)
+    obstacles.update(["ball"], 0.0, [[0.9, 0.0, 0.5]], source="camera", radius=0.1)
+    assert stand(monitor, 1)[0].reasons
+    assert recorder.close() == ""
+    told = [event.message for event in read_events(path) if isinstance(event, Log)]
+    assert told == ["tick 1 could not be proved: ZeroDivisionError()"]
+    assert replay(path).is_identical
 
 
 def is_waiting(pid):

@@ -24,6 +24,18 @@ from armguard.messages.incoming import (
     ResetMessage,
     WatchMessage,
 )
+from armguard.messages.proof import (
+    BrakeColumns,
+    CoverBall,
+    JointPlace,
+    ObstacleState,
+    Proof,
+    ProvedMotion,
+    Separation,
+    TrustedArm,
+    TrustedCover,
+    seal,
+)
 from armguard.recording.events import (
     BodiesChanged,
     Gap,
@@ -65,7 +77,35 @@ VERDICTS = [
     VERDICT._replace(contact_time=-0.0, harm_time=5e-324, contact_speed=0.1 + 0.2),
     VERDICT._replace(harm_time=math.nan, contact_speed=math.inf),
 ]
+MOTION = ProvedMotion(
+    told="never", times=[0.0, 0.1], high=ODD, low=[], fastest=[], slowest=[],
+    separations=[Separation(node=-1, state=0, ends=[1], directions=[1.0, -0.0, 5e-324])],
+)  # fmt: skip
+VERDICT_PROOF = Proof(
+    stamp=0.1 + 0.2, now=0.5, sequence=3, level="SLOW", link="hand", obstacle="naïve “id”",
+    q=[0.1], v=[-0.0], period=1e-3, latency=0.0, reaction_time=5e-324, margin=0.0, max_speed=0.0,
+    arm=TrustedArm(
+        digest="",
+        joints=[JointPlace(name="a", parent=-1, slides=False, axis=ODD[:3], placement=ODD * 2)],
+        lower=[-math.inf], upper=[math.inf], acceleration=[2.0], operating_velocity=[1.0],
+        operating_acceleration=[1.0], position_error=[0.0], velocity_error=[0.0],
+        brakes=[BrakeColumns(speed=[math.inf], deceleration=[0.0], time=[0.1], distance=[1.0])],
+    ),
+    cover=TrustedCover(
+        digest="", link="hand", carrier=0, reach=[0.0, 0.1, 0.2, 1.5], parents=[-1, 0],
+        balls=[CoverBall(node=0, center=ODD[:3], radius=0.1, lever=[0.3])],
+    ),
+    states=[
+        ObstacleState(
+            stamp=0.4, points=ODD, velocities=ODD, radius=0.1, position_error=0.0,
+            velocity_error=math.inf, accel=math.inf, speed=1.6,
+        )
+    ],
+    motions=[MOTION],
+)  # fmt: skip
+seal(VERDICT_PROOF.arm)
 MESSAGES = [
+    VERDICT_PROOF,
     JointState(-0.0, ["a", "b"], PACKED[:16], PACKED[16:32], now=math.nan),
     MalformedState(math.nan, "q", "not an array of numbers", 0.0),
     ObstaclesMessage([], 1.5, "camera", position=b"", radius=0.0),

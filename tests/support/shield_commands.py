@@ -19,14 +19,17 @@ def move(t):
     )
 
 
-def command(stamp, sequence=1, goal=2, begun=None, names=NAMES, home=HOME, **changes):
-    """The rest of the motion that began at `begun`, as a command of a later tick has it."""
+def command(stamp, sequence=1, goal=2, begun=None, names=NAMES, home=HOME, size=1.0, **changes):
+    """The rest of the motion that began at `begun`, as a command of a later tick has it.
+
+    `size` is how many times as far it goes.
+    """
     begun = stamp if begun is None else begun
     times = np.linspace(0.0, max(DURATION - (stamp - begun), 0.01), 200)
     way, speed, accel = move(times + stamp - begun)
     rows = [np.zeros((len(times), len(home))) for _ in range(3)]
     for row, values in zip(rows, (way, speed, accel), strict=True):
-        row[:, 0] = values
+        row[:, 0] = size * values
     rows[0] += home
     order = [NAMES.index(name) for name in names] if set(names) == set(NAMES) else range(len(home))
     q, v, a = (pack(row[:, order]) for row in rows)

@@ -72,6 +72,7 @@ RUN = {
         "armguard replay demo.mcap",
         "armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3",
         "armguard replay demo.mcap --csv verdicts.csv",
+        "armguard check demo.mcap",
     ],
 }
 
@@ -97,6 +98,8 @@ NOT_RUN = {
     "python3 -m venv": "makes the environment, from the network",
     "source .venv/bin/activate": "is for a person's shell",
     ".venv/bin/pip install": "installs from the network; .ci/run does, for README and for Start",
+    "franka/bin/pip install": "installs from the network; .ci/run does",
+    "franka/bin/python": "simulates a robot; tests/drivers/test_franka.py runs it",
     ".venv/bin/pytest": "would run the tests within themselves",
     ".venv/bin/ruff": "is what .ci/run does",
     ".venv/bin/mypy": "is what .ci/run does",

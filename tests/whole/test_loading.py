@@ -41,9 +41,12 @@ NOT_LOADED = (
     "armguard.contact.arguments",
     "armguard.contact.certificate",
     "armguard.contact.earliest",
+    "armguard.messages.proof",
+    "armguard.monitor.proof",
     "armguard.pairs.proof",
     "armguard.pairs.separation",
     "armguard.pairs.separation_margin",
+    "armguard.pairs.separations",
     # people's joints
     "armguard.people.proportions",
     "armguard.people.skeleton",

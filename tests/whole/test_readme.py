@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import armguard_check
 from armguard.app.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +35,7 @@ PAGES = {
                 "shield",
                 "policies",
                 "recording",
+                "proofs",
             )
         ),
     )
@@ -81,6 +83,8 @@ def test_the_snippets_of_a_page_run_one_after_another(name, monkeypatch):
         assert names["verdict"].obstacle == "hand"
     if name == "recording":
         assert names["report"].is_identical
+    if name == "proofs":
+        assert armguard_check.verify(json.loads(names["line"])).contact_time > 0.0
 
 
 def test_figures_in_the_readme_stand_on_the_pages_that_they_name():

@@ -29,3 +29,4 @@ def test_robots_are_found_in_a_wheel(tmp_path):
     assert result.stdout.split() == [str(tmp_path / "unpacked/armguard/robots"), "panda_link1"]
     # What the console script imports.
     assert (tmp_path / "unpacked/armguard_command.py").is_file()
+    assert (tmp_path / "unpacked/armguard_check/__main__.py").is_file()

@@ -22,6 +22,7 @@ from armguard.app.cell.frames import Placement, place_bodies, read_rotation, res
 from armguard.app.cell.schema import (
     SETTINGS_TABLES,
     ArmTable,
+    FrankaTable,
     IgnoreTable,
     OperatingTable,
     RobotTable,
@@ -169,7 +170,7 @@ class Cell:
         folders = [str(self._folder / folder) for folder in table.package_dirs]
         return str(self._folder / table.urdf), folders
 
-    def find_driver(self) -> UrTable | Ros2Table:
+    def find_driver(self) -> UrTable | FrankaTable | Ros2Table:
         """How `armguard drive` joins its robot.
 
         Raises:

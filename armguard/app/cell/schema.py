@@ -106,6 +106,35 @@ class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
     """Of that stop, in [rad/s²]."""
 
 
+class FrankaTable(_Table, kw_only=True, tag_field="name", tag="franka"):
+    """`[robot.driver]`: an arm of Franka Robotics that `armguard drive` joins ([page](franka.md)).
+
+    Its `name` is "franka".
+    """
+
+    host: Name
+    """Address of its controller."""
+    model: Name = "FR3"
+    """What messages call it: the robot does not tell which one it is."""
+    joints: list[Name] | None = None
+    """Names of its seven joints, from the base on; without it, those of the maker's
+    descriptions."""
+    timeout: Positive = 0.1
+    """Silence of the robot after which its program is paused, in [s]. After three times as much, of
+    the robot or of the driver's process, another process connects."""
+    waypoints: list[list[float]] = []
+    """Positions of all joints between which it moves, again and again, in [rad]: two at least, and
+    none where a shield moves it."""
+    speed: Fraction = 1.0
+    """How fast it moves between them where nothing is near, as a fraction of `[robot.operating]`,
+    from above 0 to 1."""
+    stop_within: Positive = 1.0
+    """How long it may move on after an order to pause, in [s]. Then the robot ends its motion,
+    which ends the program."""
+    deceleration: Positive = 4.0
+    """To a waypoint, and to a pause, in [rad/s²]."""
+
+
 class ObstacleTopicTable(_Table, kw_only=True):
     """`[robot.driver.obstacles.<source>]`: a topic that shows obstacles, by its source."""
 
@@ -188,7 +217,7 @@ class _AnyArmTable(_Table):
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """What its controller keeps to: a table, or `"published"` for the figures that are published of
     a robot that armguard knows."""
-    driver: UrTable | Ros2Table | None = None
+    driver: UrTable | FrankaTable | Ros2Table | None = None
     """How `armguard drive` joins it."""
 
 

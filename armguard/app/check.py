@@ -1,0 +1,85 @@
+"""`armguard check`: the proofs of a recording, checked by a process that runs none of this code."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from armguard.app.processes import COMPLAINT
+from armguard.app.terminal import print_json
+from armguard.exceptions import ArmguardError
+from armguard.messages.proof import Proof
+from armguard.recording.reading import Recording
+
+if TYPE_CHECKING:
+    from armguard.app import cli
+
+
+def check(wishes: cli.Check) -> int:
+    """Check all proofs of a recording; the exit code.
+
+    Args:
+        wishes: What the command line says.
+
+    Raises:
+        ArmguardError: The file is no recording, or is damaged, or the checker has ended early.
+    """
+    recording = Recording(wishes.file)
+    found = _check_proofs(recording)
+    if wishes.json:
+        print_json(lambda: found | {"cut_off": recording.is_cut_off})
+    else:
+        lines = _describe(found)
+        if recording.is_cut_off:
+            lines.insert(1, "the recording has no end: what wrote it was killed")
+        sys.stdout.write("".join(f"{line}\n" for line in lines))
+    return 0 if 0 < found["proofs"] == found["verified"] else COMPLAINT
+
+
+def _check_proofs(recording: Recording) -> dict[str, Any]:
+    """What `python -m armguard_check` says of the proofs, which it reads as they stand there."""
+    # The one that stands beside this package, wherever the process starts.
+    beside = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    with subprocess.Popen(
+        [sys.executable, "-m", "armguard_check"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=beside,
+    ) as checker:
+        assert checker.stdin is not None, "it is a pipe"
+        assert checker.stdout is not None, "it is a pipe"
+        try:
+            for _, event, data in recording.events():
+                if isinstance(event, Proof):
+                    checker.stdin.write(data + b"\n")
+            checker.stdin.close()
+        except BrokenPipeError:
+            pass  # what it has to say of that stands on standard error
+        said = checker.stdout.read()
+    try:
+        found: dict[str, Any] = json.loads(said)
+    except ValueError:
+        raise ArmguardError(
+            "armguard_check", f"has ended with {checker.returncode}", expected="its report"
+        ) from None
+    return found
+
+
+def _describe(found: dict[str, Any]) -> list[str]:
+    """What was found, for people."""
+    first = found["first_refused"]
+    lines = [
+        f"{found['proofs']} proofs, {found['verified']} verified",
+        f"{found['rests']} of them prove that the arm, told to stop, is at rest or slow enough "
+        "before contact",
+        *(f"trusted: arm {digest}, {count} proofs" for digest, count in found["arms"].items()),
+    ]
+    if first is not None:
+        place = f"tick {first['sequence']} at {first['now']} s"
+        pair = f"{first['link']} and {first['obstacle']}"
+        lines.append(f"first that does not hold: {place}, {pair}: {first['why']}")
+    return lines

@@ -1,0 +1,334 @@
+"""A proof of what a verdict says of its deciding pair, for a checker that trusts no code of ours.
+
+It is made from the tick's own joint state and obstacle states, whatever tick the pair was evaluated
+in last. Of an arm that is free it proves a time before which there is no contact; of one that is
+told to stop, that it rests by the end of its tube, and before it can touch the obstacle.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from armguard.bounds.joint_table import make_table
+from armguard.jit.arrays import FloatArray
+from armguard.jit.handle import machine_code, pack
+from armguard.jit.numerics import SUM_ROUNDING
+from armguard.messages.proof import (
+    BrakeColumns,
+    CoverBall,
+    JointPlace,
+    ObstacleState,
+    Proof,
+    ProvedMotion,
+    Separation,
+    TrustedArm,
+    TrustedCover,
+    seal,
+)
+from armguard.obstacles.possible_states import list_states
+from armguard.obstacles.regions import strictest_limit
+from armguard.pairs.arm import WatchedArm
+from armguard.pairs.evaluate import evaluate
+from armguard.pairs.separations import (
+    FAILED,
+    REACH,
+    ProofScene,
+    are_brakes_stated,
+    find_separations,
+    make_separations,
+    tabulate,
+)
+from armguard.robot.joints import find_axis, is_prismatic
+from armguard.scheduling.scheduler import Tick
+from armguard.settings.settings import Settings
+from armguard.verdict import Level, Verdict
+
+NODES = 33
+"""Of a tube."""
+
+SHARES = 1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.25
+"""Of the contact time that evaluations find, tried one after the other: here intervals have other
+ends."""
+
+LONGEST = 1.0
+"""For which joints that are free are followed, in [s]: by then an arm can be anywhere."""
+
+
+class Prover:
+    """Makes proofs of one arm's verdicts.
+
+    Args:
+        arm: As the scheduler watches it.
+        settings: When verdicts are obeyed.
+
+    Attributes:
+        arm: The arm.
+    """
+
+    def __init__(self, arm: WatchedArm, settings: Settings) -> None:
+        self.arm = arm
+        self._settings = settings
+        box = arm.motion.table.box
+        self._free, self._brakes = (
+            make_table(
+                np.zeros(NODES),
+                box.turning,
+                box.position_error,
+                interpolates=False,
+                with_velocities=settings.permits_contact and brakes,
+            )
+            for brakes in (False, True)
+        )
+        tree = arm.state.tree
+        most = int(np.bincount(arm.state.link_of).max())
+        self._found = make_separations(most, NODES)
+        self._still = np.zeros((len(box.turning), 6))
+        self._first = tree.root
+        self._told_arm: TrustedArm | None = None
+        self._told_of: tuple[bytes, ...] = ()
+        self._pack()
+
+    def _pack(self) -> None:
+        """Lay out the scene for compiled code, once for all ticks in which it stays the same."""
+        state = self.arm.state
+        self._scene = state.scene
+        self._handles = tuple(
+            pack(ProofScene(state.scene, table, self._found, self._still))
+            for table in (self._free, self._brakes)
+        )
+        joints = np.zeros((2, len(self._still)))
+        self._tabulate = machine_code(tabulate, self._handles[0], *joints, 0.0, 0.0)
+        self._are_brakes_stated = machine_code(are_brakes_stated, self._handles[0], *joints, 0.0)
+        self._find = machine_code(find_separations, self._handles[0], 0, 0, 0, 0.0, True)
+
+    def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
+        """The proof of a pair in the last tick, whose arm was prepared.
+
+        None where there is nothing to prove: where the obstacle could be anywhere, or the joint
+        state is newer than its tick.
+
+        Args:
+            tick: The tick.
+            pair: Row × links + link.
+            verdict: Of the tick.
+        """
+        arm, state, settings = self.arm, self.arm.state, self._settings
+        row, link = divmod(pair, len(arm.links))
+        bodies = list_states(state.bodies, state.refused_bodies, state.marks, row, tick.now)
+        if not bodies or tick.arm_age < 0.0:
+            return None
+        if state.scene is not self._scene:
+            self._pack()
+        # As compiled code was told of them.
+        tick = tick._replace(q=np.ascontiguousarray(tick.q), v=np.ascontiguousarray(tick.v))
+        told = "this" if verdict.level is Level.STOP else "next"
+        spheres: set[int] = set()
+        motions = [
+            self._prove_free(tick, link, row, len(bodies), spheres),
+            self._prove_stop(tick, link, row, len(bodies), spheres, told),
+        ]
+        limit = strictest_limit.py_func(state.scene.contact_limits, state.marks.regions[row])
+        names = arm.names(pair)
+        return Proof(
+            stamp=float(verdict.stamp),
+            now=tick.now,
+            sequence=verdict.sequence,
+            level=verdict.level.name,
+            link=names[0],
+            obstacle=names[1],
+            q=tick.q.tolist(),
+            v=tick.v.tolist(),
+            period=settings.period,
+            latency=settings.latency,
+            reaction_time=settings.reaction_time,
+            margin=settings.margin,
+            max_speed=float(limit.max_speed),
+            arm=self._describe_arm(),
+            cover=self._describe_cover(link, spheres),
+            states=[
+                ObstacleState(
+                    # One that never moves is as old as the tick.
+                    stamp=tick.now if age == 0.0 else float(states.stamp[place]),
+                    points=states.points[place, : states.point_count[place]].ravel().tolist(),
+                    velocities=states.velocities[place, : states.point_count[place]]
+                    .ravel()
+                    .tolist(),
+                    radius=float(states.radius[place]),
+                    position_error=float(states.position_error[place]),
+                    velocity_error=float(states.velocity_error[place]),
+                    accel=float(states.accel[place]),
+                    speed=float(states.speed[place]),
+                )
+                for states, place, age in bodies
+            ],
+            motions=[motion for motion in motions if motion is not None],
+        )
+
+    def _prove_free(
+        self, tick: Tick, link: int, row: int, count: int, spheres: set[int]
+    ) -> ProvedMotion | None:
+        """That joints within their limits let the link touch nothing before a time, if there is."""
+        state, table = self.arm.state, self._free
+        pairs = np.array([row * len(self.arm.links) + link])
+        times, nodes = np.zeros(1), np.zeros(1, dtype=np.int64)
+        # What others read of the tick stays as it was.
+        threshold, sphere_time = state.refinement_threshold, state.sphere_time.copy()
+        state.refinement_threshold = tick.refinement_threshold
+        evaluate(state, pairs, times, nodes, np.zeros(1, dtype=np.int8))
+        state.refinement_threshold, state.sphere_time[:] = threshold, sphere_time
+        handle = self._handles[0]
+        for share in SHARES:
+            end = share * min(float(times[0]), LONGEST)
+            if not end > 0.0:
+                return None
+            # Dense where displacements grow like t².
+            table.time[:] = end * (np.arange(NODES) / (NODES - 1)) ** 2.0
+            self._tabulate(handle, tick.q, tick.v, tick.arm_age, np.inf)
+            found = self._separate(handle, tick.now, link, row, count, brakes=False)
+            if found is not None:
+                return self._describe_motion("never", table, found, spheres)
+        return None
+
+    def _prove_stop(
+        self, tick: Tick, link: int, row: int, count: int, spheres: set[int], told: Any
+    ) -> ProvedMotion | None:
+        """That an arm that is told to stop rests, and before it can touch the obstacle."""
+        settings, braking, table = self._settings, self.arm.motion.braking, self._brakes
+        horizon = settings.latency if told == "this" else settings.response_time
+        if not braking.covers(tick.v, tick.arm_age, horizon):
+            return None
+        handle, free = self._handles[1], tick.arm_age + horizon + settings.reaction_time
+        if not self._are_brakes_stated(handle, tick.q, tick.v, free):
+            return None
+        stop = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon).time
+        table.time[:] = stop * (1.0 + SUM_ROUNDING)
+        self._tabulate(handle, tick.q, tick.v, tick.arm_age, free)
+        found = self._separate(handle, tick.now, link, row, count, brakes=True)
+        return self._describe_motion(told, table, found or [], spheres)
+
+    def _separate(
+        self, handle: Any, now: float, link: int, row: int, count: int, *, brakes: bool
+    ) -> list[Separation] | None:
+        """What keeps the link apart from all states of the obstacle; None: it is not known."""
+        separations, found, first = [], self._found, int(self._first[link])
+        begins = 0 if self.arm.state.marks.has_state[row] else 1
+        for number in range(count):
+            taken = self._find(handle, link, row, begins + number, now, brakes)
+            if taken == FAILED:
+                return None
+            begin = 0
+            for sphere, steps in zip(found.sphere[:taken], found.steps[:taken], strict=True):
+                end = begin + int(steps)
+                separations.append(
+                    Separation(
+                        node=REACH if sphere == REACH else int(sphere) - first,
+                        state=number,
+                        ends=found.end[begin:end].tolist(),
+                        directions=found.normal[begin:end].ravel().tolist(),
+                    )
+                )
+                begin = end
+        return separations
+
+    def _describe_motion(
+        self, told: Any, table: Any, separations: list[Separation], spheres: set[int]
+    ) -> ProvedMotion:
+        spheres.update(one.node for one in separations if one.node != REACH)
+        rows = (table.high, table.low, table.fastest, table.slowest)
+        high, low, fastest, slowest = (one.ravel().tolist() for one in rows)
+        return ProvedMotion(
+            told=told,
+            times=table.time.tolist(),
+            high=high,
+            low=low,
+            fastest=fastest,
+            slowest=slowest,
+            separations=separations,
+        )
+
+    def _describe_arm(self) -> TrustedArm:
+        """What is taken on trust of the arm, as it is now."""
+        limits = self.arm.motion.joint.limits
+        brakes = limits.brakes
+        # What may change from tick to tick; all else of the arm stands.
+        changing = (*brakes, limits.operating_velocity, limits.operating_acceleration)
+        stated = tuple(one.tobytes() for one in changing)
+        if self._told_arm is not None and self._told_of == stated:
+            return self._told_arm
+        arm = TrustedArm(
+            digest="",
+            joints=self._joints,
+            lower=limits.lower.tolist(),
+            upper=limits.upper.tolist(),
+            acceleration=limits.acceleration.tolist(),
+            operating_velocity=limits.operating_velocity.tolist(),
+            operating_acceleration=limits.operating_acceleration.tolist(),
+            position_error=limits.position_error.tolist(),
+            velocity_error=limits.velocity_error.tolist(),
+            brakes=[
+                BrakeColumns(
+                    speed=brakes.speed[j].tolist(),
+                    deceleration=brakes.deceleration[j].tolist(),
+                    time=brakes.time[j].tolist(),
+                    distance=brakes.distance[j].tolist(),
+                )
+                for j in range(len(limits.lower))
+            ],
+        )
+        seal(arm)
+        self._told_arm, self._told_of = arm, stated
+        return arm
+
+    def _describe_cover(self, link: int, spheres: set[int]) -> TrustedCover:
+        """What is taken on trust of the spheres of a link that take part."""
+        arm, first = self.arm, int(self._first[link])
+        tree, placement = arm.state.tree, arm.kinematics.placement
+        own = np.flatnonzero(arm.state.link_of == link)
+        carrier = int(placement.joint[first])
+        cover = TrustedCover(
+            digest="",
+            link=arm.links[link],
+            carrier=self._places.get(carrier, -1),
+            reach=arm.motion.reach.link_balls[link].tolist(),
+            parents=[max(int(tree.parent[node]) - first, -1) for node in own],
+            balls=[
+                CoverBall(
+                    node=node,
+                    center=placement.local[first + node].tolist(),
+                    radius=float(tree.radius[first + node]),
+                    lever=arm.motion.joint.lever[first + node].tolist(),
+                )
+                for node in sorted(spheres)
+            ],
+        )
+        seal(cover)
+        return cover
+
+    @functools.cached_property
+    def _places(self) -> dict[int, int]:
+        """Where joints stand in lists, by Pinocchio's number."""
+        model = self.arm.kinematics.model
+        return {number: int(model.idx_vs[number]) for number in range(1, model.njoints)}
+
+    @functools.cached_property
+    def _joints(self) -> list[JointPlace]:
+        model, places = self.arm.kinematics.model, self._places
+        joints = []
+        for number in sorted(places, key=places.__getitem__):
+            placement: FloatArray = model.jointPlacements[number].rotation
+            joints.append(
+                JointPlace(
+                    name=model.names[number],
+                    parent=places.get(int(model.parents[number]), -1),
+                    slides=is_prismatic(model, number),
+                    axis=find_axis(model, number).tolist(),
+                    placement=[
+                        *placement.ravel().tolist(),
+                        *model.jointPlacements[number].translation.tolist(),
+                    ],
+                )
+            )
+        return joints

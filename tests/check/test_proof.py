@@ -1,0 +1,154 @@
+import ast
+import contextlib
+import copy
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armguard_check
+from armguard_check import ProofError, verify
+from support.false_proofs import KINDS, seal, tamper
+from support.proof_scenes import make_proofs
+
+COUNT = int(os.environ.get("ARMGUARD_PROOFS", "45"))
+"""Scenes, and changed proofs, that are tried."""
+
+
+@pytest.fixture(scope="module")
+def proofs():
+    return list(make_proofs(3, min(COUNT, 45)))
+
+
+def test_every_proof_of_a_random_scene_holds():
+    claims = {"contact": 0, "rest": 0, "slow": 0}
+    for proof in make_proofs(0, COUNT):
+        proved = verify(proof)
+        claims["contact"] += proved.contact_time > 0.0
+        claims["rest"] += proved.rests
+        # An arm that is not stopped is proved to stop in time.
+        assert proved.rests or proof["level"] == "STOP"
+        claims["slow"] += any(
+            (one["ends"] or [0])[-1] < len(motion["times"]) - 1
+            for motion in proof["motions"]
+            for one in motion["separations"]
+        )
+    assert min(claims.values()) > COUNT // 20, claims
+
+
+def test_no_proof_holds_whose_claim_became_false():
+    random = np.random.default_rng(1)
+    found = dict.fromkeys(KINDS, 0)
+    while sum(found.values()) < COUNT or not all(found.values()):
+        for proof in make_proofs(int(random.integers(1 << 30)), 15):
+            for kind in KINDS:
+                changed = tamper(proof, kind, random)
+                if changed is None or not changed[1]:
+                    continue
+                found[kind] += 1
+                with pytest.raises(ProofError):
+                    verify(changed[0])
+
+
+def test_what_is_trusted_cannot_be_changed_unnoticed(proofs):
+    for part, key in (("arm", "acceleration"), ("cover", "reach")):
+        proof = copy.deepcopy(proofs[0])
+        proof[part][key][0] += 1e-9
+        with pytest.raises(ProofError, match="digest"):
+            verify(proof)
+
+
+def test_each_part_of_the_link_needs_a_separation(proofs):
+    tried = 0
+    for proof in proofs[:15]:
+        for place, motion in enumerate(proof["motions"]):
+            for number in range(min(len(motion["separations"]), 2)):
+                changed = copy.deepcopy(proof)
+                del changed["motions"][place]["separations"][number]
+                if changed["motions"][place]["separations"]:
+                    tried += 1
+                    with pytest.raises(ProofError, match="nothing is said"):
+                        verify(changed)
+                else:
+                    assert verify(changed) != verify(proof)
+    assert tried > 0
+
+
+def test_a_tree_that_is_none_is_refused(proofs):
+    for parents in ([], [0], [-1, 5], [1, 0]):
+        proof = copy.deepcopy(next(one for one in proofs if one["motions"][-1]["separations"]))
+        proof["cover"]["parents"] = parents
+        seal(proof["cover"])
+        with pytest.raises(ProofError):
+            verify(proof)
+
+
+def spoil(value, random):
+    """A copy with one entry replaced by nonsense, or left out."""
+    value = copy.deepcopy(value)
+    where = value
+    while True:
+        keys = list(where) if isinstance(where, dict) else range(len(where))
+        key = keys[int(random.integers(len(keys)))]
+        if isinstance(where[key], (dict, list)) and where[key] and random.random() < 0.9:
+            where = where[key]
+            continue
+        nonsense = [None, "NaN", float("nan"), -1e300, 1e300, [], {}, "x", True, -1]
+        if random.random() < 0.1:
+            del where[key]
+        else:
+            where[key] = nonsense[int(random.integers(len(nonsense)))]
+        return value
+
+
+def test_nonsense_is_refused_and_never_an_error(proofs):
+    random = np.random.default_rng(7)
+    for proof in proofs[:6]:
+        for _ in range(20):
+            changed = spoil(proof, random)
+            for part in ("arm", "cover"):
+                if isinstance(changed.get(part), dict) and changed[part] != proof[part]:
+                    seal(changed[part])
+            with contextlib.suppress(ProofError):
+                verify(changed)
+    for nonsense in ({}, [], None, 3, "proof"):
+        with pytest.raises(ProofError, match="malformed"):
+            verify(nonsense)
+
+
+def test_the_checker_stands_by_itself():
+    folder = Path(armguard_check.__file__).parent
+    for path in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module]
+            for name in names:
+                top = name.split(".")[0]
+                assert top == "armguard_check" or top in sys.stdlib_module_names
+
+
+def test_numbers_survive_json(proofs):
+    assert json.loads(json.dumps(proofs[0])) == proofs[0]
+
+
+def test_who_may_go_on_is_told_by_the_next_verdict(proofs):
+    for proof in proofs:
+        if len(proof["motions"]) == 2:
+            changed = copy.deepcopy(proof)
+            changed["level"] = "SLOW" if proof["level"] == "STOP" else "STOP"
+            with pytest.raises(ProofError, match="another verdict"):
+                verify(changed)
+
+
+def test_no_ball_stands_for_what_the_link_cannot_leave(proofs):
+    for proof in proofs[:12]:
+        balls = proof["cover"]["balls"]
+        if balls:
+            changed = copy.deepcopy(proof)
+            changed["cover"]["balls"].append(balls[0] | {"node": -1, "radius": 0.0})
+            seal(changed["cover"])
+            assert verify(changed) == verify(proof)
