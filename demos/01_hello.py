@@ -6,7 +6,7 @@ import armguard
 def main() -> None:
     """Print each change of the verdict while the ball comes nearer."""
     robot = armguard.Robot.load("panda")
-    obstacles = armguard.Obstacles()  # of each obstacle: at most 10 m/s² and 2 m/s, unless told
+    obstacles = armguard.Obstacles()  # each: at most 10 m/s² and 2 m/s by default
     monitor = armguard.Monitor(robot, obstacles, rate=1000.0)
     q, v = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], [0.0] * 7  # [rad], [rad/s]
     level = None

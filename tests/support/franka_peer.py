@@ -26,8 +26,8 @@ import franka_sim
 import mujoco
 from franka_sim.server import state_stream
 
-COMMANDS = collections.deque(maxlen=100_000)
-"""Positions that came, with the time of each."""
+COMMANDS = collections.deque([(0.0, (0.0,) * 7)], maxlen=100_000)
+"""Positions that came, with the time of each; at first none did."""
 
 
 class ClockedSocket(socket.socket):
