@@ -137,6 +137,10 @@ def test_keys_that_sign_recordings_tell_how_they_are_used(cell, tmp_path, capsys
     check_mistake(capsys, [*run, secret], "--sign: is for recordings")
     recorded = ["--record", str(tmp_path)]
     check_mistake(capsys, [*run, "nowhere", *recorded], "nowhere: cannot be read")
+    check_mistake(capsys, ["run", str(cell), "--proof-interval", "1"], "is for recordings")
+    for value in ("-1", "nan"):
+        told = "--proof-interval: is"
+        check_mistake(capsys, ["run", str(cell), "--proof-interval", value, *recorded], told)
     for option in ("--part-hours", "--part-megabytes", "--keep-days"):
         for value in ("0", "-1", "nan", "inf"):
             check_mistake(capsys, ["run", str(cell), option, value, *recorded], f"{option}: is")
