@@ -23,6 +23,7 @@ from armguard.monitor import Monitor
 from armguard.obstacles import Obstacles
 from armguard.robot import OperatingLimits, Robot
 from armguard.shield import Command, Path, Shield
+from armguard.shield.path import SAME_PLACE
 from armguard.verdict import BRAKE, Effect
 from support.shielded_arm import ACCEL, HOME, RADIUS, SPEED, Ball
 from support.true_arm import get_point, make_room, make_skeleton, place_leaves
@@ -421,10 +422,13 @@ class RandomShield:
 
     def _check_going_on(self, before: Command, command: Command) -> None:
         """That it is the one before until it can be taken up, and goes on from there."""
-        for time in np.linspace(self.now, self.now + self.monitor.settings.latency, 4):
+        latency = self.monitor.settings.latency
+        # A path that begins so near to where the arm rests begins there.
+        near = SAME_PLACE, 2.0 * SAME_PLACE / latency, 0.0
+        for time in np.linspace(self.now, self.now + latency, 4):
             old, new = before.at(time), command.at(time)
             for k, most in enumerate((JUMP**3 / 6.0, JUMP**2 / 2.0, JUMP)):
-                jumps = np.abs(new[k] - old[k]) / (most * self.shield.limits.jerk)
+                jumps = np.abs(new[k] - old[k]) / (most * self.shield.limits.jerk + near[k])
                 self.widest[k] = max(self.widest[k], jumps.max())
                 assert jumps.max() <= 1.0, f"jumps in derivative {k}, {jumps.max():.3f}"
         if before.valid_until <= self.now:
