@@ -98,7 +98,7 @@ class BrakingMotion(JointSpaceMotion):
             self.limits, self.limits._replace(operating_velocity=paced), some.copy(), self.table
         )
         self.handle = pack(data)
-        self._find_first = machine_code(_find_uncovered, self.handle, some, 0.0, 0.0, 0.0)
+        self._find_first = machine_code(_find_uncovered, self.handle, some, some, 0.0, 0.0, 0.0)
         self._tabulate = machine_code(_tabulate, self.handle, some, some, 0.0, 0.0, 0.0)
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
@@ -116,7 +116,7 @@ class BrakingMotion(JointSpaceMotion):
             ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
         """
         position, velocity = check_state(self._robot, self.limits, q, v)
-        if not self.covers(velocity, age, check_duration("horizon", horizon)):
+        if not self.covers(position, velocity, age, check_duration("horizon", horizon)):
             return np.inf
         return float(self.tabulate(position, velocity, age, horizon).time[-1])
 
@@ -179,7 +179,7 @@ class BrakingMotion(JointSpaceMotion):
                 then than its brakes are stated for, or a time is unusable.
         """
         position, velocity = check_state(self._robot, self.limits, q, v)
-        joint = self._find_uncovered(velocity, age, check_duration("horizon", horizon))
+        joint = self._find_uncovered(position, velocity, age, check_duration("horizon", horizon))
         if joint != ALL_COVERED:
             raise ArmguardError(
                 f"joint {self._robot.joints[joint]!r}",
@@ -207,39 +207,52 @@ class BrakingMotion(JointSpaceMotion):
     def _kinematics(self) -> Kinematics:
         return Kinematics(self._robot, self._base)
 
-    def covers(self, v: FloatArray, age: float, horizon: float) -> bool:
+    def covers(self, q: FloatArray, v: FloatArray, age: float, horizon: float) -> bool:
         """Whether the brakes are stated for every speed that joints can have when they bite.
 
+        A joint that is thrown back from its stop counts with the speed that it can have got there.
+
         Args:
+            q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
             age: Now minus the stamp of the state, in [s].
             horizon: Until braking is commanded, in [s] from now.
         """
-        return self._find_uncovered(v, age, horizon) == ALL_COVERED
+        return self._find_uncovered(q, v, age, horizon) == ALL_COVERED
 
-    def _find_uncovered(self, v: FloatArray, age: float, horizon: float) -> int:
-        velocity = np.ascontiguousarray(v, dtype=np.float64)
-        joint: int = self._find_first(self.handle, velocity, age, horizon, self.reaction_time)
+    def _find_uncovered(self, q: FloatArray, v: FloatArray, age: float, horizon: float) -> int:
+        state = (np.ascontiguousarray(one, dtype=np.float64) for one in (q, v))
+        joint: int = self._find_first(self.handle, *state, age, horizon, self.reaction_time)
         return joint
 
     def _fill(
         self, q: FloatArray, v: FloatArray, age: float, free: float, table: JointTable
     ) -> None:
         # Beyond the range of the brakes nothing is known of a stop: joints may go on for ever.
-        super()._fill(q, v, age, free if self.covers(v, age, 0.0) else np.inf, table)
+        super()._fill(q, v, age, free if self.covers(q, v, age, 0.0) else np.inf, table)
 
 
 @kernel
 def _find_uncovered(
-    handle: Any, v: FloatArray, age: float, horizon: float, reaction_time: float
+    handle: Any, q: FloatArray, v: FloatArray, age: float, horizon: float, reaction_time: float
 ) -> int:
-    """What `compute_stop_time` finds not covered, on the handle of a `BrakingData`."""
+    """The first joint that may be faster when its brakes bite than they are stated for.
+
+    On the handle of a `BrakingData`; `ALL_COVERED` if there is none.
+    """
     limits = handle.content.limits
     _, joint = compute_stop_time(
         v, limits.velocity_error, limits.operating_velocity, limits.acceleration, limits.brakes,
         age, horizon, reaction_time, limits.operating_acceleration,
     )  # fmt: skip
-    return joint
+    if joint != ALL_COVERED:
+        return int(joint)
+    last = limits.brakes.speed.shape[1] - 1
+    for j in range(v.shape[0]):
+        thrown = thrown_velocity(q[j], v[j], limits, j, max(age, 0.0) + horizon + reaction_time)
+        if not thrown <= limits.brakes.speed[j, last]:
+            return j
+    return ALL_COVERED
 
 
 @kernel

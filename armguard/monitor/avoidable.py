@@ -72,7 +72,7 @@ def _rests(
     try:
         braking.reaction_time = min(reaction_time, delay)
         horizon = delay - braking.reaction_time
-        if not braking.covers(velocity, tick.arm_age, horizon):
+        if not braking.covers(tick.q, velocity, tick.arm_age, horizon):
             return False
         table = braking.tabulate(tick.q, velocity, tick.arm_age, horizon)
         end = float(table.time[-1])

@@ -76,7 +76,7 @@ class LimitReasons:
     def _explain(self, tick: Tick, pair: int, horizon: float, begin: str) -> Reason | None:
         """Why a contact of a pair is forbidden, found anew."""
         braking = self._scheduler.arm.motion.braking
-        if not braking.covers(tick.v, tick.arm_age, horizon):
+        if not braking.covers(tick.q, tick.v, tick.arm_age, horizon):
             return None
         braking.tabulate(tick.q, tick.v, tick.arm_age, horizon)
         found = self._scheduler.find_forbidden(pair, tick)

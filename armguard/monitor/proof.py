@@ -36,7 +36,6 @@ from armguard.pairs.separations import (
     FAILED,
     REACH,
     ProofScene,
-    are_brakes_stated,
     find_separations,
     make_separations,
     tabulate,
@@ -101,7 +100,6 @@ class Prover:
         )
         joints = np.zeros((2, len(self._still)))
         self._tabulate = machine_code(tabulate, self._handles[0], *joints, 0.0, 0.0)
-        self._are_brakes_stated = machine_code(are_brakes_stated, self._handles[0], *joints, 0.0)
         self._find = machine_code(find_separations, self._handles[0], 0, 0, 0, 0.0, True)
 
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
@@ -198,11 +196,9 @@ class Prover:
         """That an arm that is told to stop rests, and before it can touch the obstacle."""
         settings, braking, table = self._settings, self.arm.motion.braking, self._brakes
         horizon = settings.latency if told == "this" else settings.response_time
-        if not braking.covers(tick.v, tick.arm_age, horizon):
+        if not braking.covers(tick.q, tick.v, tick.arm_age, horizon):
             return None
         handle, free = self._handles[1], tick.arm_age + horizon + settings.reaction_time
-        if not self._are_brakes_stated(handle, tick.q, tick.v, free):
-            return None
         stop = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon).time
         table.time[:] = stop * (1.0 + SUM_ROUNDING)
         self._tabulate(handle, tick.q, tick.v, tick.arm_age, free)

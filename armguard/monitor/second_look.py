@@ -95,7 +95,7 @@ class SecondLook:
     def _stops(self, tick: Tick, age: float, pairs: IntArray, horizon: float) -> bool:
         """Whether an arm that is told to stop after a time, in [s], rests in time."""
         braking = self._scheduler.arm.motion.braking
-        if not braking.covers(tick.v, age, horizon):
+        if not braking.covers(tick.q, tick.v, age, horizon):
             return False
         braking.tabulate(tick.q, tick.v, age, horizon)
         return bool(find_unsafe_pair(self._scheduler.arm.state, pairs)[0] < 0)

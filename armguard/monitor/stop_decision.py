@@ -101,7 +101,7 @@ class StopDecision:
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         self.offending = NOBODY
-        if not braking.covers(v, age, response_time):
+        if not braking.covers(q, v, age, response_time):
             return False
         known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
         if known == PROVED:
@@ -109,7 +109,7 @@ class StopDecision:
         proving = self._proving
         # While the arm stops, nothing is gained by a proof that lasts.
         may_last = known != IN_VAIN and proving > 0.0 and tick.number != self._unsafe_in + 1
-        if may_last and braking.covers(v, age, response_time + proving):
+        if may_last and braking.covers(q, v, age, response_time + proving):
             left = self.left
             table = braking.tabulate(q, v, age, response_time + proving)
             if self._is_free(tick, table, proving, 0.0, tick.stop_time, pause=proving):
@@ -227,7 +227,7 @@ class StopDecision:
             return True
         q, v, age = tick.q, tick.v, tick.arm_age
         table = braking.tabulate(q, v, age, self.looks_ahead)
-        lasting = later if braking.covers(v, age, self.looks_ahead) else -1.0
+        lasting = later if braking.covers(q, v, age, self.looks_ahead) else -1.0
         return self._is_free(tick, table, lasting, later)
 
     def _is_proved_ahead(
@@ -246,7 +246,7 @@ class StopDecision:
         tries = {ENDING: (longest,), ASKABLE: (longest, SHORT), IN_VAIN: (SHORT,)}[known]
         for proving in tries if self._proving > 0.0 else ():
             horizon = self.looks_ahead + proving
-            if scale == 1.0 and not braking.covers(v, age, horizon):
+            if scale == 1.0 and not braking.covers(q, v, age, horizon):
                 continue
             left = self.left
             table = braking.tabulate(q, v, age, horizon, pace=scale)

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armguard.bounds.displacement import thrown_velocity
 from armguard.bounds.joint_box import set_columns
 from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.surface_speed import find_harmless_node
@@ -151,26 +150,6 @@ def find_separations(
         else:
             return FAILED
     return count
-
-
-@kernel
-def are_brakes_stated(handle: Any, q: FloatArray, v: FloatArray, free: float) -> bool:
-    """Whether brakes are stated for what joints can do off their stops until they bite.
-
-    Without being thrown back, what `BrakingMotion.covers` says counts.
-
-    Args:
-        handle: On a `ProofScene`.
-        q: Measured joint positions, in [rad] or [m]. Shape (nv,).
-        v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-        free: From the stamp until brakes bite at the latest, in [s].
-    """
-    limits = handle.content.scene.limits
-    last = limits.brakes.speed.shape[1] - 1
-    for j in range(q.shape[0]):
-        if not thrown_velocity(q[j], v[j], limits, j, free) <= limits.brakes.speed[j, last]:
-            return False
-    return True
 
 
 @kernel

@@ -111,9 +111,22 @@ def test_beyond_the_range_of_brakes_a_point_may_go_as_far_as_without_any():
     q, direction = np.array([0.0, 0.0, 0.0, -1.5, 0.0, 1.8, 0.0]), np.array([0.0, 1.0, 0.0])
     for share, is_covered in ((0.2, True), (0.9, False)):
         v = share * robot.velocity_limit[0] * np.eye(7)[0]
-        assert braking.covers(v, 0.0, 0.0) == is_covered
+        assert braking.covers(q, v, 0.0, 0.0) == is_covered
         question = q, v, "panda_hand", HAND_POINT, direction, 1.0
         assert (braking.advance(*question) < 0.99 * free.advance(*question)) == is_covered
+
+
+def test_a_joint_that_is_thrown_back_from_its_stop_needs_brakes_too():
+    robot = Robot.load("panda")
+    operating = OperatingLimits(np.full(7, 2.0), np.full(7, 3.0))
+    braking = BrakingMotion(robot, 0.1, operating=operating)
+    q, v = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]), np.zeros(7)
+    assert braking.covers(q, v, 0.0, 0.1)
+    # Thrown back by 7.5 rad/s², it can be at 1.5 rad/s in 0.2 s; brakes are stated up to 1.305.
+    q[1] = robot.lower_position_limit[1] + 1e-4
+    assert not braking.covers(q, v, 0.0, 0.1)
+    assert braking.stop_time(q, v, 0.0, 0.1) == np.inf
+    assert braking.covers(q, v, 0.0, 0.05)
 
 
 @pytest.mark.parametrize("bad", [-0.1, np.nan, np.inf])

@@ -148,7 +148,7 @@ def test_no_proof_that_lasts_counts_with_brakes_beyond_their_range():
             if lasting > 0.0:
                 proved[below] = max(proved.get(below, 0.0), lasting)
                 braking = scheduler.arm.motion.braking
-                assert braking.covers(tick.v, 0.0, PERIOD + 0.002 + lasting - 1e-9)
+                assert braking.covers(tick.q, tick.v, 0.0, PERIOD + 0.002 + lasting - 1e-9)
     assert 1e-3 not in proved
     assert proved[1.0] > 0.005
 
@@ -254,7 +254,7 @@ def test_bounds_beyond_the_range_let_joints_go_on():
     motion = BrakingMotion(ranged_panda(), 0.02)
     fast, direction = moving(1.2), np.array([0.0, 1.0, 0.0])
     assert motion.stop_time(HOME, fast, 0.0, 0.0) == math.inf
-    assert not motion.covers(fast, 0.0, 0.0)
+    assert not motion.covers(HOME, fast, 0.0, 0.0)
     question = HOME, fast, "panda_hand", np.zeros(3), direction
     slower = HOME, moving(0.5), *question[2:]
     assert motion.advance(*slower, 1.5) == pytest.approx(motion.advance(*slower, 0.6))

@@ -9,7 +9,6 @@ from armguard.pairs.separations import (
     FAILED,
     REACH,
     ProofScene,
-    are_brakes_stated,
     find_separations,
     make_separations,
     tabulate,
@@ -74,22 +73,6 @@ def test_nothing_is_found_where_both_may_touch():
     assert FAILED in [
         find_separations(handle, link, 0, 0, 0.0, False) for link in range(len(arm.links))
     ]
-
-
-def test_a_joint_that_is_thrown_back_needs_brakes_too():
-    _, scene, handle = make_scene([2.0, 0.0, 0.6])
-    limits = scene.scene.limits
-    v = np.zeros(7)
-    q = HOME.copy()
-    q[1] = limits.lower[1] + 1e-3
-    assert are_brakes_stated(handle, q, v, 0.02)
-    before = limits.brakes.speed.copy()
-    try:
-        limits.brakes.speed[:] = 0.1
-        assert are_brakes_stated(handle, HOME, v, 0.02)
-        assert not are_brakes_stated(handle, q, v, 0.5)
-    finally:
-        limits.brakes.speed[:] = before
 
 
 def test_the_table_is_wider_than_the_tick_s():

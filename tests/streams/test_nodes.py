@@ -1,4 +1,6 @@
+import contextlib
 import math
+import socket
 import subprocess
 import sys
 import time
@@ -116,12 +118,15 @@ def test_what_does_not_fit_is_not_published(tmp_path, fields):
 
 
 def test_publishing_to_nobody_neither_waits_nor_fails(address):
-    source = SocketInput(address)
-    source.close()
-    with Publisher(source.address) as publisher:
-        assert not publisher.wait(0.0)
-        for _ in range(10_000):
-            publisher.update([], 0.0, [])
+    with contextlib.closing(socket.socket()) as taken:
+        if address.startswith("tcp:"):
+            # Nothing listens at a port that is bound and no more, nor can another process.
+            taken.bind(("127.0.0.1", 0))
+            address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        with Publisher(address) as publisher:
+            assert not publisher.wait(0.0)
+            for _ in range(10_000):
+                publisher.update([], 0.0, [])
 
 
 def test_nothing_waits_for_a_monitor_that_is_not_there(address):
