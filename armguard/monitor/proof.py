@@ -55,6 +55,9 @@ ends."""
 LONGEST = 1.0
 """For which joints that are free are followed, in [s]: by then an arm can be anywhere."""
 
+DELAYS = "period", "latency", "reaction_time"
+"""Settings that a proof states: what passes before brakes act, in [s]."""
+
 
 class Prover:
     """Makes proofs of one arm's verdicts.
@@ -70,6 +73,7 @@ class Prover:
     def __init__(self, arm: WatchedArm, settings: Settings) -> None:
         self.arm = arm
         self._settings = settings
+        self._delays = {name: getattr(settings, name) for name in DELAYS}
         box = arm.motion.table.box
         self._free, self._brakes = (
             make_table(
@@ -139,9 +143,7 @@ class Prover:
             obstacle=names[1],
             q=tick.q.tolist(),
             v=tick.v.tolist(),
-            period=settings.period,
-            latency=settings.latency,
-            reaction_time=settings.reaction_time,
+            **self._delays,
             margin=settings.margin,
             max_speed=float(limit.max_speed),
             arm=self._describe_arm(),
@@ -194,11 +196,12 @@ class Prover:
         self, tick: Tick, link: int, row: int, count: int, spheres: set[int], told: Any
     ) -> ProvedMotion | None:
         """That an arm that is told to stop rests, and before it can touch the obstacle."""
-        settings, braking, table = self._settings, self.arm.motion.braking, self._brakes
-        horizon = settings.latency if told == "this" else settings.response_time
+        braking, table = self.arm.motion.braking, self._brakes
+        horizon = self._delays["latency"]
+        horizon += self._delays["period"] if told == "next" else 0.0
         if not braking.covers(tick.q, tick.v, tick.arm_age, horizon):
             return None
-        handle, free = self._handles[1], tick.arm_age + horizon + settings.reaction_time
+        handle, free = self._handles[1], tick.arm_age + horizon + braking.reaction_time
         stop = braking.tabulate(tick.q, tick.v, tick.arm_age, horizon).time
         table.time[:] = stop * (1.0 + SUM_ROUNDING)
         self._tabulate(handle, tick.q, tick.v, tick.arm_age, free)

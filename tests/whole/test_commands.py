@@ -144,6 +144,9 @@ def checkout(tmp_path, monkeypatch):
     """A folder like a checkout, with an environment; the working directory."""
     for part in ("demos", "docs/arm", "docs/nodes"):
         shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("__pycache__"))
+    peer = Path("tests/support/franka_peer.py")
+    (tmp_path / peer).parent.mkdir(parents=True)
+    shutil.copy(ROOT / peer, tmp_path / peer)
     (tmp_path / ".venv").symlink_to(START)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{START / 'bin'}{os.pathsep}{os.environ['PATH']}")
