@@ -115,8 +115,11 @@ class ProgramConduct:
     def _resume(self, moment: Moment) -> None:
         """Let the program go on after a while, if it was paused here."""
         program = moment.state.program
-        self._is_pausing = self._is_pausing and program is not Program.STOPPED
         is_due = moment.now - self._ordered_at >= RESUME_DELAY
+        # One that runs by now has not obeyed, or somebody has started it: who pauses it next is
+        # somebody else.
+        if program is Program.STOPPED or (is_due and program is Program.RUNNING):
+            self._is_pausing = False
         if self._is_pausing and program is Program.PAUSED and is_due:
             self._is_pausing = False
             self._arm.resume()

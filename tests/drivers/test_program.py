@@ -81,6 +81,23 @@ def test_what_somebody_else_has_paused_stays_paused(made):
     assert arm.orders == []
 
 
+@pytest.mark.parametrize("is_started", [False, True])
+def test_what_runs_on_after_a_pause_and_somebody_pauses_later_stays_paused(made, is_started):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    if not is_started:
+        arm.pause = lambda: arm.orders.append("pause")  # which the robot does not hear
+    streams.level = Level.STOP
+    turn(0.02)
+    streams.level = Level.CLEAR
+    turn(0.1)
+    arm.program = Program.RUNNING
+    turn(2.0 * RESUME_DELAY)
+    arm.program = Program.PAUSED
+    turn(2.0 * RESUME_DELAY)
+    assert arm.orders == ["pause"]
+
+
 def test_a_fault_takes_away_the_right_to_go_on(made):
     arm, streams, turn, read = made
     turn(0.05)
