@@ -15,9 +15,9 @@ from armguard_check.intervals import ProofError
 from armguard_check.proof import verify
 
 
-def check(lines: Iterable[str]) -> dict[str, Any]:
+def check(lines: Iterable[str | bytes]) -> dict[str, Any]:
     """Check all proofs; what there is to say of them."""
-    proofs = verified = rests = 0
+    proofs = verified = contact_free = in_time = rests_only = 0
     first: dict[str, Any] | None = None
     arms: dict[str, int] = {}
     for line in lines:
@@ -25,16 +25,20 @@ def check(lines: Iterable[str]) -> dict[str, Any]:
         proof: Any = None
         try:
             proof = json.loads(line)
-            _, stops, arm = verify(proof)
+            proved = verify(proof)
         except (ProofError, ValueError, RecursionError) as error:
             known = proof if isinstance(proof, dict) else {}
             place = {key: known.get(key) for key in ("sequence", "now", "link", "obstacle")}
             first = first or {"proof": proofs, **place, "why": str(error)}
         else:
-            verified, rests = verified + 1, rests + stops
-            arms[arm] = arms.get(arm, 0) + 1
-    found = {"proofs": proofs, "verified": verified, "rests": rests, "arms": arms}
-    return found | {"first_refused": first}
+            verified += 1
+            contact_free += proved.contact_time > 0
+            in_time += proved.in_time
+            rests_only += proved.rests and not proved.in_time
+            arms[proved.arm] = arms.get(proved.arm, 0) + 1
+    found = {"proofs": proofs, "verified": verified, "contact_free": contact_free}
+    found |= {"rests_in_time": in_time, "rests_only": rests_only}
+    return found | {"arms": arms, "first_refused": first}
 
 
 def main() -> int:

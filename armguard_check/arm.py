@@ -100,7 +100,7 @@ def turn_about(axis: Vector, angle: Interval) -> tuple[Vector, Vector, Vector]:
 
 
 class Range(NamedTuple):
-    """Where one joint is, from the truth at its stamp."""
+    """Displacements that one joint can have from its true position at the stamp."""
 
     low: Interval
     high: Interval

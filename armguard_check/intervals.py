@@ -80,7 +80,7 @@ class Interval:
 ZERO = Interval(0, 0)
 ONE = Interval(1 << BITS, 1 << BITS)
 NONE = Interval(1 << (BITS + 200), 1 << (BITS + 200))
-"""In place of a bound that is infinite: a proof that needs it holds no better with less."""
+"""Stands for an infinite bound: 2**200, which is above any bound that a proof can need."""
 UNIT = Interval(-1, 1)
 """What rounding, or the rest of a series, may add."""
 

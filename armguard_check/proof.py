@@ -31,7 +31,7 @@ REACH = -1
 """In place of a ball of the cover: what the link cannot leave."""
 
 DELAYS = {"this": ("latency", "reaction_time"), "next": ("period", "latency", "reaction_time")}
-"""What passes before the brakes of an arm bite that is told to stop by a verdict."""
+"""What adds up to the time until brakes bite, by the verdict that tells the arm to stop."""
 
 
 class Proved(NamedTuple):
@@ -40,8 +40,9 @@ class Proved(NamedTuple):
     contact_time: float
     """No contact before, in [s] from the tick; 0: nothing is claimed."""
     rests: bool
-    """Whether the arm surely rests, or is slow enough for good, before it can touch the obstacle,
-    if it is told to stop as the proof says."""
+    """Whether the arm surely rests at last, if it is told to stop as the proof says."""
+    in_time: bool
+    """Whether it then rests, or is slow enough for good, before it can touch the obstacle."""
     arm: str
     """Digest of what is trusted of the arm."""
 
@@ -178,23 +179,26 @@ class _Check:
         self.balls[REACH] = Ball(joints, -1, (x, y, z), radius, [], errors)
 
     def run(self) -> Proved:
-        contact_time, rests = 0.0, False
+        contact_time, rests, in_time = 0.0, False, False
         for motion in self.proof["motions"]:
             self.tube = Tube(motion, len(self.sides))
             self.brakes = motion["told"] != "never"
             self.check_tube(motion["told"])
+            rests = rests or self.brakes
             for one in motion["separations"]:
                 self.check_separation(one)
             if not motion["separations"]:
                 continue
             self.check_cover(motion["separations"])
-            rests = rests or self.brakes
+            in_time = in_time or self.brakes
             if not self.brakes:
                 contact_time = max(contact_time, motion["times"][-1])
-        return Proved(contact_time, rests, self.arm["digest"])
+        if not rests and contact_time == 0:
+            raise ProofError("it claims nothing")
+        return Proved(contact_time, rests, in_time, self.arm["digest"])
 
     def check_tube(self, told: str) -> None:
-        """Refuse a tube that is too narrow, or ends before the arm rests that is told to stop."""
+        """Refuse a tube that joints can leave; of an arm told to stop, one that ends too early."""
         if not self.brakes:
             self.tube.check(self.sides, self.age, None)
             return

@@ -74,8 +74,10 @@ def _describe(found: dict[str, Any]) -> list[str]:
     first = found["first_refused"]
     lines = [
         f"{found['proofs']} proofs, {found['verified']} verified",
-        f"{found['rests']} of them prove that the arm, told to stop, is at rest or slow enough "
+        f"{found['contact_free']} prove that there is no contact before a time",
+        f"{found['rests_in_time']} prove that the arm, told to stop, is at rest or slow enough "
         "before contact",
+        f"{found['rests_only']} prove only that the arm, told to stop, comes to rest",
         *(f"trusted: arm {digest}, {count} proofs" for digest, count in found["arms"].items()),
     ]
     if first is not None:

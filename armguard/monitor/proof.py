@@ -109,8 +109,8 @@ class Prover:
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
         """The proof of a pair in the last tick, whose arm was prepared.
 
-        None where there is nothing to prove: where the obstacle could be anywhere, or the joint
-        state is newer than its tick.
+        None where there is nothing to prove: where the obstacle could be anywhere, the joint state
+        is newer than its tick, or neither motion could be proved.
 
         Args:
             tick: The tick.
@@ -128,10 +128,11 @@ class Prover:
         tick = tick._replace(q=np.ascontiguousarray(tick.q), v=np.ascontiguousarray(tick.v))
         told = "this" if verdict.level is Level.STOP else "next"
         spheres: set[int] = set()
-        motions = [
-            self._prove_free(tick, link, row, len(bodies), spheres),
-            self._prove_stop(tick, link, row, len(bodies), spheres, told),
-        ]
+        free = self._prove_free(tick, link, row, len(bodies), spheres)
+        stop = self._prove_stop(tick, link, row, len(bodies), spheres, told)
+        motions = [motion for motion in (free, stop) if motion is not None]
+        if not motions:
+            return None
         limit = strictest_limit.py_func(state.scene.contact_limits, state.marks.regions[row])
         names = arm.names(pair)
         return Proof(
@@ -164,7 +165,7 @@ class Prover:
                 )
                 for states, place, age in bodies
             ],
-            motions=[motion for motion in motions if motion is not None],
+            motions=motions,
         )
 
     def _prove_free(

@@ -76,7 +76,8 @@ def verify(path: str | Path, key: str | None = None) -> list[Verification]:
             earlier versions.
     """
     check_installed()
-    path, before, results = Path(path), None, []
+    path, results = Path(path), list[Verification]()
+    before: Verification | None = None
     while True:
         result = _verify_file(path, key, before)
         results.append(result)
@@ -88,10 +89,10 @@ def verify(path: str | Path, key: str | None = None) -> list[Verification]:
             problem = f"{path.name}, in which the recording goes on, is missing or empty"
             results[-1] = result._replace(problems=(*result.problems, problem))
             return results
-        before = result.head
+        before = result
 
 
-def _verify_file(path: Path, key: str | None, before: str | None) -> Verification:
+def _verify_file(path: Path, key: str | None, before: Verification | None) -> Verification:
     try:
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
@@ -105,7 +106,9 @@ def _verify_file(path: Path, key: str | None, before: str | None) -> Verificatio
         raise ArmguardError(str(path), f"cannot be read ({reason})") from None
 
 
-def _verify_bytes(path: Path, data: mmap.mmap, key: str | None, before: str | None) -> Verification:
+def _verify_bytes(
+    path: Path, data: mmap.mmap, key: str | None, before: Verification | None
+) -> Verification:
     found = list(_list_links(data))
     if not found:
         raise ArmguardError(
@@ -131,7 +134,8 @@ def _verify_bytes(path: Path, data: mmap.mmap, key: str | None, before: str | No
     numbers = {one.link.chunk for one in found if one.is_content_right and not one.link.tail}
     return Verification(
         path,
-        last.link.part,
+        # What a file says of itself must not lead to files of another run.
+        last.link.part if before is None else before.part + 1,
         len(numbers - {0}),
         tuple(problems),
         is_ended,
@@ -212,16 +216,20 @@ def _check_order(links: list[Link]) -> Iterator[str]:
             yield f"{_name(link)}: it stands where chunk {number} was"
 
 
-def _check_heads(links: list[Link], before: str | None) -> Iterator[str]:
+def _check_heads(links: list[Link], before: Verification | None) -> Iterator[str]:
     """Links that do not belong to the one in front of them.
 
     Those that are missing or stand in another place are told by their numbers.
     """
     first = links[0]
+    if before is not None and first.part != before.part + 1:
+        known = f"{before.path.name} is part {before.part}"
+        yield f"the beginning: it is of part {first.part}, and {known}"
     if first.chunk == 0:
-        expected = before if first.part > 1 else FIRST
-        if expected is not None and first.before != expected:
-            yield "the beginning: it does not go on from the file before"
+        if before is not None and first.before != before.head:
+            yield f"the beginning: it does not go on from the file before, {before.path.name}"
+        elif before is None and first.part == 1 and first.before != FIRST:
+            yield "the beginning: it says that it goes on from another file, and that it is part 1"
     for one, two in itertools.pairwise(links):
         if two.part != one.part:
             yield f"{_name(two)}: it is of part {two.part}"

@@ -44,6 +44,7 @@ def test_all_proofs_of_a_recording_are_verified(recording, capsys):
     assert main(["check", str(recording)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{len(proofs)} proofs, {len(proofs)} verified"
+    assert [line.split()[0] for line in lines[1:4]] == [str(len(proofs)), str(len(proofs)), "0"]
     assert lines[-1] == f"trusted: arm {proofs[0].arm.digest}, {len(proofs)} proofs"
 
 

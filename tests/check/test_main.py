@@ -21,6 +21,11 @@ def test_what_was_found_is_told():
     found = check([line, line])
     assert (found["proofs"], found["verified"], found["first_refused"]) == (2, 2, None)
     assert list(found["arms"].values()) == [2]
+    told = json.loads(line)
+    told["motions"] = [one for one in told["motions"] if one["told"] != "never"]
+    told["motions"][0]["separations"] = []
+    found = check([line, json.dumps(told)])
+    assert (found["contact_free"], found["rests_in_time"], found["rests_only"]) == (1, 1, 1)
     for nonsense in ("", "{", "[]", "null", "[" * 100_000):
         found = check([line, nonsense, line])
         assert (found["proofs"], found["verified"]) == (3, 2)

@@ -28,9 +28,9 @@ def test_every_proof_of_a_random_scene_holds():
     for proof in make_proofs(0, COUNT):
         proved = verify(proof)
         claims["contact"] += proved.contact_time > 0.0
-        claims["rest"] += proved.rests
+        claims["rest"] += proved.in_time
         # An arm that is not stopped is proved to stop in time.
-        assert proved.rests or proof["level"] == "STOP"
+        assert proved.in_time or proof["level"] == "STOP"
         claims["slow"] += any(
             (one["ends"] or [0])[-1] < len(motion["times"]) - 1
             for motion in proof["motions"]
@@ -72,8 +72,11 @@ def test_each_part_of_the_link_needs_a_separation(proofs):
                     tried += 1
                     with pytest.raises(ProofError, match="nothing is said"):
                         verify(changed)
-                else:
+                elif any(one["told"] != "never" for one in changed["motions"]):
                     assert verify(changed) != verify(proof)
+                else:
+                    with pytest.raises(ProofError, match="claims nothing"):
+                        verify(changed)
     assert tried > 0
 
 
@@ -152,3 +155,15 @@ def test_no_ball_stands_for_what_the_link_cannot_leave(proofs):
             changed["cover"]["balls"].append(balls[0] | {"node": -1, "radius": 0.0})
             seal(changed["cover"])
             assert verify(changed) == verify(proof)
+
+
+def test_a_proof_without_a_claim_is_refused(proofs):
+    for proof in proofs:
+        changed = copy.deepcopy(proof)
+        for motion in changed["motions"]:
+            motion["separations"] = []
+        if any(motion["told"] != "never" for motion in changed["motions"]):
+            assert verify(changed)[:3] == (0.0, True, False)
+        for motions in ([], [one for one in changed["motions"] if one["told"] == "never"]):
+            with pytest.raises(ProofError, match="claims nothing"):
+                verify(changed | {"motions": motions})

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from armguard.monitor import Monitor
+from armguard.monitor.proof import Prover
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
 from armguard_check import verify
@@ -43,7 +44,7 @@ def test_each_level_is_proved(x, level, told):
     proved = check(proof)
     # Other intervals of time, and a second at most.
     assert proved.contact_time >= 0.9 * min(verdict.contact_time, 1.0)
-    assert proved.rests or level == "STOP"
+    assert proved.in_time or level == "STOP"
     if told == "next":
         assert stop.times[-1] == pytest.approx(verdict.stop_time, rel=1e-6)
     else:
@@ -74,7 +75,7 @@ def test_a_slow_surface_is_proved_to_be_slow():
     assert verdict.contact_speed > 0.0
     proof = encounter.monitor.prove(verdict)
     assert proof.max_speed == pytest.approx(0.8, rel=0.01)
-    assert check(proof).rests
+    assert check(proof).in_time
 
 
 def test_nothing_is_proved_where_nothing_is_said():
@@ -149,6 +150,16 @@ def test_an_arm_of_one_joint_is_proved(kind, tmp_path):
         verdict = monitor.step(tick * PERIOD, q, v)
         levels.add(verdict.level.name)
         proved = check(monitor.prove(verdict))
-        assert proved.rests or verdict.level.name == "STOP"
+        assert proved.in_time or verdict.level.name == "STOP"
         assert proved.contact_time >= 0.8 * min(verdict.contact_time, 1.0)
     assert len(levels) > 1
+
+
+def test_where_neither_motion_can_be_proved_there_is_no_proof(monkeypatch):
+    monitor, obstacles = make()
+    see(obstacles, 0, 1.5)
+    verdict = monitor.step(0.0, HOME, STILL)
+    for name in ("_prove_free", "_prove_stop"):
+        assert monitor.prove(verdict) is not None
+        monkeypatch.setattr(Prover, name, lambda *_: None)
+    assert monitor.prove(verdict) is None

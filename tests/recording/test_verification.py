@@ -210,6 +210,30 @@ def test_a_recording_goes_on_in_files_of_which_none_can_be_missed(tmp_path, keys
     assert "missing or empty" in last.problems[-1]
 
 
+def copy_run(tmp_path, keys):
+    """The first file of a run of three, alone in a folder, and the folder of all."""
+    for name in ("run", "copy"):
+        (tmp_path / name).mkdir()
+    options = {"key": str(keys[0]), "rotation": Rotation(duration=2.0)}
+    first = write_run(tmp_path / "run" / "run.mcap", **options)
+    return shutil.copy(first, tmp_path / "copy" / "run.mcap"), tmp_path / "run"
+
+
+@pytest.mark.hazard("H-11")
+def test_another_recording_of_the_signer_in_place_of_a_part_is_found(tmp_path, keys):
+    first, run = copy_run(tmp_path, keys)
+    second = first.with_name("run.2.mcap")
+    write_run(second, key=str(keys[0]))
+    begun, other = verify(first, read_signing_key(keys[1]))
+    assert begun.is_intact
+    assert other.path == second
+    assert any("it is of part 1, and run.mcap is part 1" in one for one in other.problems)
+    assert any("go on from the file before, run.mcap" in one for one in other.problems)
+    # A later part of the same run, too.
+    shutil.copy(run / "run.3.mcap", second)
+    assert any("it is of part 3" in one for one in verify(first)[1].problems)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [(b"", "is no MCAP file"), (b"q,v", "is no MCAP file"), (b"\x89MCAP0\r\n", "no chain")],
