@@ -228,7 +228,9 @@ class _Check:
             first = last
         if first == self.tube.last:
             return
-        if not (self.brakes and self.tube.fast and self.max_speed.low > 0):
+        may_be_slow = self.brakes and self.tube.fast and self.max_speed.low > 0
+        # What the link cannot leave is no part of it, and says nothing of its speed.
+        if one["node"] == REACH or not may_be_slow:
             raise ProofError(f"what is said of ball {one['node']} ends before its tube")
         ranges = self.tube.span(first, self.tube.last)
         speed = ball.speed(ranges, self.tube.slow[first], self.tube.fast[first])

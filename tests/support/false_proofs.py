@@ -320,6 +320,21 @@ def tamper(proof, kind, random):
         speed = find_speed(proof, motion, one, random)
         proof["max_speed"] = float(speed * (1 - mpf(share) / 2))
         return proof, speed > mpf(proof["max_speed"])
+    if kind == "reach":
+        brakes = [one for one in proof["motions"] if one["told"] != "never" and one["fastest"]]
+        balls = proof["cover"]["balls"]
+        if not brakes or not balls:
+            return None
+        speed = max(
+            find_speed(proof, brakes[0], {"node": ball["node"], "ends": []}, random)
+            for ball in balls
+        )
+        brakes[0]["separations"] = [
+            {"node": -1, "state": state, "ends": [], "directions": []}
+            for state in range(len(proof["states"]))
+        ]
+        proof["max_speed"] = float(speed * (1 - mpf(share) / 2))
+        return proof, speed > mpf(proof["max_speed"])
     if not steps:
         return None
     motion, separation, step = steps[random.integers(len(steps))]
@@ -355,5 +370,5 @@ def tamper(proof, kind, random):
 
 KINDS = (
     "tube", "later", "latency", "rest", "speed", "direction", "nearer", "older", "faster", "margin",
-    "ball",
+    "ball", "reach",
 )  # fmt: skip
