@@ -67,6 +67,9 @@ class ProgramConduct:
             order = Order(0.0, "measurement")
         if moment.hindrance:
             order = Order(0.0, order.cause or moment.hindrance)
+        if 0.0 < order.scale < LEAST_SCALE:
+            # Slower than a program can run.
+            order = Order(0.0, "a speed scale below the least")
         if order.scale != self._order.scale or moment.is_new:
             self._arm.scale(self._scale(order))
         if state.trouble:
@@ -132,14 +135,16 @@ class ProgramConduct:
             self._is_pausing = not state.trouble
             self._arm.pause()
         speed, waited = max(map(abs, state.v)), now - self._ordered_at
-        is_resting = speed <= REST_SPEED
+        # A program that ignores the pause runs on at the least scale, however slow the arm is.
+        is_ended = state.program in (Program.PAUSED, Program.STOPPED)
+        is_resting = speed <= REST_SPEED and is_ended
         if (is_resting or waited <= self._options.stop_within) or now < self._next_stop:
             return
         self._next_stop = now + STOP_INTERVAL
         self._is_pausing = False
         self._latencies.counts.hard_stops += 1
         self._link.tell(
-            f"the arm still moves at {speed:.2g} rad/s {waited:.2g} s after it was told to pause: "
+            f"the arm, at {speed:.2g} rad/s, has not paused {waited:.2g} s after it was told to: "
             "stopping it, which ends its program"
         )
         self._arm.stop()

@@ -49,11 +49,20 @@ def test_the_slider_follows_the_verdict_up_to_the_cells_speed(made):
     streams.scale = 0.4
     turn(0.05)
     assert arm.fraction == 0.2
-    streams.scale = 1e-6
+    streams.scale = LEAST_SCALE
     turn(0.05)
     assert arm.fraction == LEAST_SCALE
     assert streams.published[0][1:] == (tuple("abcdef"), [0.0] * 6, [0.5] * 6, "left")
     assert arm.orders == []
+
+
+@pytest.mark.parametrize("scale", [1e-6, 0.99 * LEAST_SCALE])
+def test_slower_than_a_program_can_run_is_standing(made, scale):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    streams.scale = scale
+    turn(0.05)
+    assert arm.orders == ["pause"]
 
 
 @pytest.mark.parametrize(("level", "validity"), [(Level.STOP, 1.0), (Level.CLEAR, -1.0)])
@@ -110,6 +119,22 @@ def test_a_fault_takes_away_the_right_to_go_on(made):
     assert arm.orders == ["pause"]
     assert "tell the robot is in a protective stop\n" in (told := read())
     assert "tell the robot can be driven again\n" in told
+
+
+@pytest.mark.hazard("H-19")
+@pytest.mark.parametrize("program", [Program.RUNNING, Program.PAUSING])
+def test_an_arm_that_creeps_on_under_a_stop_is_stopped(made, program):
+    arm, streams, turn, read = made
+    turn(0.05)
+
+    def pause():
+        arm.program = program
+
+    arm.pause = pause
+    streams.level = Level.STOP
+    turn(0.3)
+    assert arm.orders == ["stop"]
+    assert "stopping it, which ends its program" in read()
 
 
 @pytest.mark.hazard("H-19")
