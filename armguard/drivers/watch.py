@@ -163,13 +163,15 @@ def watch(
     report = Report(Counts())
     end = time.monotonic() + duration
     told: set[str] = set()
+    # A person's start acknowledges what was before it, and nothing that has happened since.
+    is_first = options.is_first
 
     def is_over() -> bool:
         return is_ending() or time.monotonic() >= end
 
     while not is_over():
-        is_first = options.is_first and not report.connections
         driver = _Driver(msgspec.structs.replace(options, is_first=is_first))
+        is_first = False
         try:
             code = _attend(driver, options, report, tell, told, is_over)
         except BaseException:

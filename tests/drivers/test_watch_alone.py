@@ -67,3 +67,20 @@ def test_what_is_not_installed_is_told_with_the_remedy(monkeypatch, driver, extr
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ArmguardError, match=rf"pip install 'armguard\[{extra}\]'"):
         watching.check_library(driver)
+
+
+def test_a_persons_start_is_that_of_the_first_process_alone(monkeypatch):
+    """Also where that one never drove: what happened meanwhile, nobody has acknowledged."""
+    firsts = []
+
+    class Driver(watching._Driver):
+        def __init__(self, options):
+            super().__init__(options)
+            firsts.append(options.is_first)
+
+    monkeypatch.setattr(sys, "executable", "/bin/true")
+    monkeypatch.setattr(watching, "RETRY", 0.0)
+    monkeypatch.setattr(watching, "_Driver", Driver)
+    monkeypatch.setattr(watching, "_attend", lambda *_: watching.LOST)
+    watching.watch(OPTIONS, lambda _: None, lambda: len(firsts) == 3, 10.0)
+    assert firsts == [True, False, False]
