@@ -134,6 +134,10 @@ class MotionConduct:
             if self._followed is not None:
                 counts.stops += 1
                 self._brake(moment)
+            elif max(map(abs, moment.state.v)) > REST_SPEED and not self._arm.is_braking:
+                # The order could not be sent, or a process before this one has left the arm so.
+                self._braked_at = min(self._braked_at, moment.now)
+                self._arm.brake()
             return
         is_old = command.goal is None or command.goal == self._barred
         if moment.hindrance or self._arm.is_braking or (is_old and self._followed is None):

@@ -143,6 +143,19 @@ def test_a_motion_that_is_not_proved_any_more_is_braked_once(made):
     assert made.latencies.counts.stops == 1
 
 
+def test_an_arm_that_nothing_is_known_of_is_braked_while_it_moves(made):
+    made.arm.brake = lambda: made.arm.orders.append("brake")  # is never sent
+    made.arm.v = [0.4] * len(NAMES)
+    for k in range(3):
+        made.act(command(made.now + 0.002, k + 1, goal=1, stop="brake"))
+    assert made.arm.orders.count("brake") == 3
+    with pytest.raises(ArmLostError, match="does not brake"):
+        made.act(after=0.6)
+    made.arm.v = [0.0] * len(NAMES)
+    made.act(command(made.now + 0.002, 9, goal=1, stop="brake"))
+    assert made.arm.orders.count("brake") == 3
+
+
 @pytest.mark.parametrize("is_new", [True, False])
 def test_an_arm_that_rests_off_a_resting_command_is_led_to_it_slowly(made, is_new):
     off = np.array([0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
