@@ -62,7 +62,7 @@ def show_arm(wishes: cli.Show) -> int:
                 publisher.publish_scene(scene)
                 publisher.publish_frame(frame)
                 time.sleep(INTERVAL)
-            complain("the view has ended by itself")
+            complain("the process of the view has ended")
             return COMPLAINT
     return 0
 

@@ -474,7 +474,7 @@ def test_verdicts_are_expected_at_the_usual_port_of_the_same_host():
         ("-", "ipc:///o", "x", "left", "it: armguard reset ipc:///o --token x --arm left"),
         ("-", "-", "x", "", 'to end it: a line {"type":"reset","token":"x"}'),
         ("-", "-", "x", "left", 'a line {"type":"reset","token":"x","arm":"left"}'),
-        ("ipc:///j", "-", None, "", "obeys no reset: start it anew; with --reset-token TOKEN "),
+        ("ipc:///j", "-", None, "", "refuses resets: restart it; with --reset-token TOKEN "),
     ],
 )
 def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, arm, words):
