@@ -448,7 +448,7 @@ def test_a_reset_says_whether_it_was_obeyed(cell, addresses, tmp_path, capsys):
             assert reader.latest(PATIENCE) is not None
             for name in ("joints", "obstacles"):
                 asked = ["reset", f"ipc://{tmp_path}/{name}", "--verdicts", verdicts, "--token"]
-                check_no_reset(capsys, [*asked, "guess"], "token is not the one of this run")
+                check_no_reset(capsys, [*asked, "guess"], "token is not that of this run")
                 assert main([*asked, "sesame"]) == 0
                 assert capsys.readouterr() == (f"ipc://{tmp_path}/{name}: reset\n", "")
                 assert main([*asked, "sesame", "--json"]) == 0
