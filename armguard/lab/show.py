@@ -1,4 +1,4 @@
-"""`armguard show`: an arm, its cover and the levels of the cover's tree, without a cell."""
+"""`armguard show`: shows an arm, its cover and the levels of the cover's tree, without a cell."""
 
 from __future__ import annotations
 
