@@ -1,21 +1,23 @@
 """armguard: a real-time safety monitor for robot arms.
 
-At every tick it says when the arm could touch anything, at the earliest, whatever the arm and the
-obstacles do within their bounds, and whether the arm can still stop before that.
+In every tick it computes the earliest time at which the arm could touch an obstacle, whatever both
+do within their bounds, and whether the arm can still stop before that.
 
     robot = armguard.Robot.load("panda")
     obstacles = armguard.Obstacles()
     monitor = armguard.Monitor(robot, obstacles)
     verdict = monitor.step(stamp, q, v)
 
-By default the arm may do whatever its joints' limits allow, and each obstacle is evaluated in time,
-at the price of a few. Between ticks `monitor.explain()` says why a verdict is as it is,
-`monitor.headroom()` how much more could be watched, and `monitor.attention()` which obstacle a
-sensor should measure next. `Monitor.auto` chooses settings by a trial. A controller that shares its
-next piece of trajectory, a `Plan`, asks `monitor.commit(plan)` whether it is safe; a `Shield`
-moves the arm along such pieces alone. With a
-`SeparationRule` each verdict carries the margin of the usual separation distance, too. A `Recorder`
-writes all that a monitor is told and all that it answers, for `armguard replay`.
+By default the arm can do whatever its joints' limits allow. Each tick evaluates only the obstacles
+that need it, so many obstacles cost little more than a few.
+
+Between ticks, `monitor.explain()` explains the last verdict, `monitor.headroom()` predicts how much
+more could be watched, and `monitor.attention()` names the obstacles that a sensor should measure
+next. `Monitor.auto` chooses settings by a trial. A controller can send its next piece of
+trajectory, a `Plan`, to `monitor.commit(plan)`, which judges whether it is safe. A `Shield` moves
+the arm only along such pieces. With a `SeparationRule`, each verdict also has the margin to the
+separation distance. A `Recorder` records all inputs and answers of a monitor, for `armguard
+replay`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
-"""The regions of a body that contact limits speak of.
+"""The body regions for which contact limits are stated.
 
-A region is what an obstacle's message, or a pattern of ids, says of an obstacle: which part of a
-person it is. Contact limits are stated by region.
+The region of an obstacle is the part of a person that it represents. An obstacle's message or a
+pattern of ids states it. Contact limits are stated by region.
 """
 
 from __future__ import annotations
@@ -28,4 +28,4 @@ NUMBERS = {region: number for number, region in enumerate(REGIONS, 1)}
 """Numbers of the regions; 0 stands for no region."""
 
 NEVER_TOUCHED = frozenset({"head", "face", "neck"})
-"""Regions that may never be touched, whatever is stated."""
+"""Regions that may never be touched, whatever limits are stated."""

@@ -1,7 +1,7 @@
-"""Where time comes from: the machine's monotonic clock, or one that is injected.
+"""Clocks: the machine's monotonic clock, or one that is injected.
 
-Time is injected, never read behind the scenes: whatever decides takes `now` as an argument, and
-only the outermost loop owns a clock.
+Time is injected: all decisions take `now` as an argument, and only the outermost loop reads a
+clock.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class MonotonicClock:
         return (time.monotonic_ns() - self._epoch_ns) * 1e-9
 
     def sleep_until(self, deadline: float) -> None:
-        """Sleep to the absolute `deadline`: a loop that sleeps for a while instead drifts."""
+        """Sleep until the absolute `deadline`, so that loops do not drift."""
         remaining = deadline - self.now()
         if remaining > 0.0:
             time.sleep(remaining)

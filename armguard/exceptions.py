@@ -1,4 +1,4 @@
-"""What armguard raises: one base class, and a child for each place a mistake can come from.
+"""Exceptions of armguard: one base class, and a subclass for each area.
 
 Every error names the offender, what is wrong with it, what was expected and what to do, both as
 fields for programs and spelled out in one line for people.
@@ -11,10 +11,10 @@ class ArmguardError(Exception):
     """Base of all errors that armguard raises on purpose.
 
     Attributes:
-        offender: What is at fault: a joint, a link, a file, a key, an argument.
-        problem: What is wrong with it, with the value that was found.
-        expected: What would have been right; empty where the problem says so already.
-        remedy: What to do about it; empty where that is obvious.
+        offender: The joint, link, file, key or argument at fault.
+        problem: What is wrong with it, with the value found.
+        expected: The expected value; empty if the problem says it already.
+        remedy: What to do about it; empty if that is obvious.
     """
 
     def __init__(
@@ -41,16 +41,16 @@ class CoverError(ArmguardError):
 
 
 class ObstacleError(ArmguardError):
-    """A call on the obstacle table was malformed."""
+    """A call on the obstacle table is malformed."""
 
 
 class CellError(ArmguardError):
-    """A cell file is unreadable or says something impossible."""
+    """A cell file is unreadable, or a value in it cannot be used."""
 
 
 class StreamError(ArmguardError):
-    """An address cannot be used, or what was to be sent does not fit the wire."""
+    """An address cannot be used, or a message cannot be sent."""
 
 
 class KeyFileError(StreamError):
-    """A file of keys cannot be used, or must not be: others can read a secret."""
+    """A key file cannot be used, or others can read a secret key."""

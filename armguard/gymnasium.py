@@ -1,7 +1,7 @@
-"""Gymnasium: a wrapper by which a shield moves the arm of an environment, and environments.
+"""Gymnasium: a wrapper with which a shield moves the arm of an environment, and environments.
 
-Whatever a policy asks for, the arm of a `ShieldedEnv` follows motions alone that were proved to
-their rest. `import armguard.gymnasium` registers `armguard/HumanReach-v0`.
+Whatever a policy requests, the arm of a `ShieldedEnv` follows only motions that are proved until
+rest. `import armguard.gymnasium` registers `armguard/HumanReach-v0`.
 
 Needs the package gymnasium (the extra `gym`).
 """
@@ -35,10 +35,10 @@ __all__ = ["JointScene", "ShieldedEnv"]
 ACTION_KINDS = ("velocity", "position", "chunk")
 
 JERK = 500.0
-"""Of each joint, in [rad]/[s³] or [m]/[s³], where nothing else is given."""
+"""Default jerk of each joint, in [rad]/[s³] or [m]/[s³]."""
 
 VELOCITY_SHARE, ACCELERATION_SHARE = 0.4, 0.25
-"""Of the robot's limits, that the arm keeps to where nothing else is given."""
+"""Default operating limits, as fractions of the robot's limits."""
 
 LOOK_AHEAD = 0.03
 """In [s], at least."""
@@ -48,30 +48,30 @@ TRACKING_ERROR, VELOCITY_TRACKING_ERROR = 0.001, 0.01
 
 
 class JointScene(Protocol):
-    """What a shield must know of an environment."""
+    """The facts about an environment that a shield needs."""
 
     @property
     def robot(self) -> Robot:
-        """The arm, with all that it holds."""
+        """The arm, with all bodies that it holds."""
 
     @property
     def period(self) -> float:
-        """Of the environment's steps, in [s]."""
+        """Period of the environment's steps, in [s]."""
 
     @property
     def action_kind(self) -> Literal["velocity", "position", "chunk"]:
-        """What an action is.
+        """Kind of the actions.
 
         Velocities of the joints during the step, in [rad]/[s] or [m]/[s], shape (nv,); positions at
         its end, in [rad] or [m], shape (nv,); or positions at equal parts of it, shape (points,
-        nv). In between the arm goes on evenly.
+        nv). In between, the arm moves at constant velocity.
         """
 
     def read_joints(self) -> tuple[FloatArray, FloatArray]:
         """Joint positions and velocities now, in the order of `robot.joints`. Shape (nv,) each."""
 
     def publish(self, obstacles: Obstacles, stamp: float) -> None:
-        """Hand all obstacles, as they are now, over to a table, with a stamp in [s]."""
+        """Update a table with all obstacles in their present state, with a stamp in [s]."""
 
 
 class ShieldedEnv(
@@ -80,31 +80,32 @@ class ShieldedEnv(
 ):
     """An environment whose arm a shield moves.
 
-    The action is what the arm is asked to do, of the same kind and shape as without the shield. The
-    environment gets what the shield has proved instead: what was asked for, as far as that goes.
-    `info["armguard"]` says in each step what came of it: `level` (its name), `scale` (how fast the
-    arm goes, of what was asked for), `reason` (why it is slower, else None), `contact_time` (in
-    [s]) and `contact_speed` (in [m]/[s]; None without contact limits).
+    The action is the requested motion, of the same kind and shape as without the shield. The
+    environment gets the motion that the shield has proved: the request, as far as it can be proved.
+    `info["armguard"]` describes each step: `level` (its name), `scale` (the pace as a fraction of
+    the requested one), `reason` (why it is slower, else None), `contact_time` (in [s]) and
+    `contact_speed` (in [m]/[s]; None without contact limits).
 
-    Each episode has a monitor, a table of obstacles and a shield of its own, so that nothing of one
-    reaches the next, and the same seed gives the same steps.
+    Each episode has its own monitor, table of obstacles and shield, so that no state is carried to
+    the next episode, and the same seed gives the same steps.
 
     Args:
         env: The environment.
-        scene: Makes what the shield must know of the environment from it; None: the innermost
-            environment says it itself.
-        obstacles: Keywords of `armguard.Obstacles`: the bounds that obstacles keep, above all.
-        monitor: Keywords of `armguard.Monitor`. By default the arm keeps to 0.4 of its velocity and
-            0.25 of its acceleration limits, and there is no latency: the simulation waits. The
-            rate is that of the steps, and the motion is planned.
+        scene: Makes the scene from the environment; None: the innermost environment is a scene
+            itself.
+        obstacles: Keywords of `armguard.Obstacles`, above all the bounds of obstacles.
+        monitor: Keywords of `armguard.Monitor`. By default the operating limits are 0.4 of the
+            velocity limits and 0.25 of the acceleration limits, and the latency is 0, since the
+            simulation waits. The rate is that of the steps, and the motion is planned.
         shield: Keywords of `armguard.Shield`. By default the jerk is 500, and the tracking errors
-            are those of an arm that goes on evenly within a step. The rate is that of the points.
+            are those of an arm that moves at constant velocity within a step. The rate is that of
+            the points.
 
     Attributes:
-        command: Of the shield, in the last step; None before the first one.
+        command: Command of the shield in the last step; None before the first step.
 
     Raises:
-        ArmguardError: The scene's actions are not those of the action space, or a keyword is out of
+        ArmguardError: The scene's actions do not match the action space, or a keyword is out of
             range.
     """
 
@@ -165,7 +166,7 @@ class ShieldedEnv(
         return answer
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Do what is proved of what is asked for."""
+        """Execute the requested action as far as it is proved."""
         scene, now = self._scene, self._steps * self._scene.period
         scene.publish(self._obstacles, now)
         q, v = scene.read_joints()
@@ -182,7 +183,7 @@ class ShieldedEnv(
         return observation, reward, terminated, truncated, info
 
     def _make_shield(self) -> tuple[Obstacles, Shield]:
-        """New ones, which know of nothing that was."""
+        """Make a new monitor, table and shield, without any earlier state."""
         obstacles, scene = Obstacles(**self._obstacle_options), self._scene
         rate = 1.0 / scene.period
         monitor = Monitor(
@@ -197,7 +198,7 @@ class ShieldedEnv(
         return obstacles, shield
 
     def _follow(self, command: Command, now: float, q: FloatArray) -> Any:
-        """The action that leads the arm along a command for one step."""
+        """The action that moves the arm along a command for one step."""
         times = now + self._apart * np.arange(1, self._points + 1)
         places = np.tile(q, (self._points, 1))
         if len(command.times):

@@ -1,7 +1,7 @@
-"""Public names that are loaded when they are first asked for.
+"""Public names whose modules are imported at their first use.
 
-`import armguard` loads what every monitor needs. A package's face lists what only some scenes need
-in a table, and the module that defines such a name is imported with its first use.
+`import armguard` imports only the modules that every monitor needs. A package lists its other names
+in a table, and the module of such a name is imported at its first use.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What armguard says at every tick.
+"""Verdicts: the answer of a monitor in every tick.
 
-A `Verdict` is a small frozen record: how imminent contact is, whether the arm may go on, and why.
-Whatever is unknown counts as the worst case, which is STOP.
+A `Verdict` is a small frozen record: how imminent contact is, whether the arm may move on, and why.
+Everything unknown counts as the worst case, which is STOP.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ if TYPE_CHECKING:
 
 
 class Level(enum.IntEnum):
-    """What the controller should do; STOP < SLOW < AWARE < CLEAR."""
+    """Level of a verdict: what the controller must do; STOP < SLOW < AWARE < CLEAR."""
 
     STOP = 0
     """Brake now, unless `Verdict.stop` says that the committed piece may be finished: contact could
-    come before the arm can stand still, or something is unknown."""
+    come before the arm is at rest, or something is unknown."""
     SLOW = 1
-    """Contact is less than `slow_margin` beyond the stopping time. Never on a committed piece that
-    is proved safe to its end."""
+    """The contact time is less than `slow_margin` beyond the stop time. Never on a committed piece
+    that is proved safe to its end."""
     AWARE = 2
-    """Contact is less than `aware_margin` beyond the stopping time."""
+    """The contact time is less than `aware_margin` beyond the stop time."""
     CLEAR = 3
-    """Nothing near in time."""
+    """The contact time is far beyond the stop time."""
 
 
 FINISH: Literal["finish"] = "finish"
-"""`Verdict.stop` of an arm that is to run its committed piece to rest."""
+"""`Verdict.stop` if the arm must follow its committed piece to rest."""
 
 BRAKE: Literal["brake"] = "brake"
-"""`Verdict.stop` of an arm that is to leave whatever it does, and to brake."""
+"""`Verdict.stop` if the arm must leave its motion and brake."""
 
 
 class Effect(enum.Enum):
-    """What a reason does to the level."""
+    """Effect of a reason on the level."""
 
     NOTE = "note"
-    """Explains the verdict, forces nothing."""
+    """Explains the verdict, without effect on the level."""
     STANDING = "standing"
     """STOP while it lasts, and `rise_delay` seconds beyond."""
     LATCHED = "latched"
@@ -49,13 +49,13 @@ class Effect(enum.Enum):
 
 
 class ReasonKind(enum.Enum):
-    """Everything that a verdict can rest on.
+    """Kinds of reasons of a verdict.
 
     Attributes:
-        text: In a few words.
-        effect: What it does to the level.
+        text: The kind in a few words.
+        effect: Its effect on the level.
         remedy: What to do about it.
-        weight: Its place among the others; the weightiest has the least.
+        weight: Its rank among the kinds; the weightiest has the least weight.
     """
 
     CONTACT = (
@@ -348,13 +348,13 @@ class ReasonKind(enum.Enum):
 
 
 class Reason(NamedTuple):
-    """One thing that a verdict rests on."""
+    """One reason of a verdict."""
 
     kind: ReasonKind
     subject: str = ""
-    """What it is about: a source, an obstacle, a joint, a link and an obstacle."""
+    """Subject: a source, an obstacle, a joint, or a link and an obstacle."""
     detail: str = ""
-    """Value found and value expected, in plain words."""
+    """Value found and value expected, in words."""
 
     def __str__(self) -> str:
         text = f"{self.kind.text}: {self.subject}" if self.subject else self.kind.text
@@ -362,7 +362,7 @@ class Reason(NamedTuple):
 
 
 def _weigh(kind: ReasonKind) -> int:
-    """The place of a kind among the others: what latches first, mere notes last."""
+    """The weight of a kind: latching kinds first, notes last."""
     if kind.effect is Effect.LATCHED:
         return 0
     if kind is ReasonKind.HOLD:
@@ -393,37 +393,37 @@ def sort_reasons(reasons: list[Reason]) -> None:
 
 
 def find_weightiest(reasons: Iterable[Reason]) -> Reason | None:
-    """The weightiest reason, in whatever order they are; None where there is none.
+    """The weightiest reason, in any order of the list; None if it is empty.
 
-    HOLD is left out: it says only that another one was weightier before.
+    HOLD does not count: it only says that an earlier reason was weightier.
     """
     causes = (reason for reason in reasons if reason.kind is not ReasonKind.HOLD)
     return min(causes, key=_find_weight, default=None)
 
 
 class Held(NamedTuple):
-    """Why a level is held, though this tick alone would earn a higher one; times in [s]."""
+    """Why a level is held, although this tick alone would give a higher one; times in [s]."""
 
     reason: Reason | None
-    """The weightiest reason of the tick that began it; None: a reset began it."""
+    """The weightiest reason of the tick in which it began; None: it began with a reset."""
     contact_time: float
-    """Of that tick; of contact that no limit permits, where contact limits are stated."""
+    """Contact time of that tick; the harm time, if contact limits are stated."""
     stop_time: float
-    """Of that tick."""
+    """Stop time of that tick."""
     since: float
-    """When that was, on the monitor's clock."""
+    """Time of that tick, on the monitor's clock."""
     rises_at: float
     """The earliest time at which the level may rise, on the monitor's clock."""
 
     def describe(self, level: Level, now: float) -> str:
-        """What is held and why, in words, at a time of the monitor's clock in [s]."""
+        """Describe in words what is held and why, at a time of the monitor's clock in [s]."""
         return (
             f"{level.name} for {now - self.since:.3g} s: {self.describe_cause()}; may rise in "
             f"{max(self.rises_at - now, 0.0):.2g} s"
         )
 
     def describe_cause(self) -> str:
-        """What began it, in words."""
+        """Describe in words why it began."""
         if self.reason is None:
             return "reset"
         if self.reason.kind is not ReasonKind.CONTACT:
@@ -438,54 +438,53 @@ class Verdict(NamedTuple):
     """The answer of one tick. Frozen; all times in [s] of the monitor's clock."""
 
     stamp: float
-    """Stamp of the joint state that was judged."""
+    """Stamp of the judged joint state."""
     sequence: int
-    """Number of this tick, from 1; it goes on over a reset."""
+    """Number of this tick, from 1; a reset does not restart it."""
     level: Level
-    """What the controller should do."""
+    """What the controller must do."""
     contact_time: float
-    """Earliest possible contact, counted from `now`; inf without pairs, 0 where unknown."""
+    """Contact time from `now`: no contact is possible before; inf without pairs, 0 if unknown."""
     stop_time: float
-    """Time within which the arm surely stands still, counted from `now`."""
+    """Stop time from `now`: the arm is at rest by then, if the next verdict is a STOP."""
     speed_scale: float
-    """Safe to go on while every joint keeps below this fraction of its operating velocity, or of
-    its velocity limit where none is stated. 1 on a committed piece that is proved safe to its
-    end."""
+    """Speed scale: fraction of the operating velocities (else of the velocity limits) below which
+    every joint must stay. 1 on a committed piece that is proved safe to its end."""
     link: str | None
-    """Link of the deciding pair; None without pairs or where not all that is there is known."""
+    """Link of the deciding pair; None without pairs, or if not all obstacles are known."""
     obstacle: str | None
-    """Obstacle of the deciding pair; None where `link` is."""
+    """Obstacle of the deciding pair; None if `link` is None."""
     complete: bool
-    """Whether a certificate in force stands behind every pair, or the stop decision was made about
-    it in this tick. Where a STOP is certain anyway, what is near may wait; a reason says so."""
+    """Whether every pair has a certificate in force, or had a stop decision in this tick. If a STOP
+    is certain anyway, near pairs may wait; a reason says so."""
     evaluated: int
-    """Contact-time evaluations in this tick, sphere against obstacle."""
+    """Number of contact-time evaluations in this tick, sphere against obstacle."""
     reasons: tuple[Reason, ...]
-    """What the verdict rests on; the weightiest first."""
+    """Reasons of the verdict, the weightiest first."""
     valid_until: float
-    """Silence beyond this means: brake."""
+    """Time at which the verdict expires; without a newer one the controller must brake then."""
     separation: float | None = None
-    """Margin of the speed-and-separation distance in [m], where asked for."""
+    """Margin to the separation distance in [m], if a rule is set."""
     certificate: Certificate | None = None
-    """Proof of the deciding pair, where asked for."""
+    """Certificate of the deciding pair, if requested in the settings."""
     stop: Literal["finish", "brake"] | None = None
-    """How to obey a STOP; None where the level is another. FINISH: run the committed piece to rest,
-    which is proved safe. BRAKE: leave it and brake, for there is no such proof."""
+    """How to obey a STOP; None at other levels. FINISH: follow the committed piece to rest, which
+    is proved safe. BRAKE: leave it and brake, since no such proof holds."""
     proved_until: float | None = None
-    """When the arm rests at the latest, in [s] of the joint states' stamps, if it follows its
-    committed piece. The piece is proved safe to its end. Of several such pieces the latest counts.
+    """Latest time at which the arm is at rest if it follows its committed piece, in [s] of the
+    joint states' stamps. The piece is proved safe to its end; of several pieces the latest counts.
     None: the arm is on no such piece."""
     held: Held | None = None
-    """Why the level is held, though this tick alone would earn a higher one; None: it is not."""
+    """Why the level is held, although this tick alone would give a higher one; None: it is not."""
     harm_time: float = 0.0
-    """Earliest possible contact that no contact limit permits, counted from `now`, in [s]; the
-    contact time where no limits are stated, 0 where unknown."""
+    """Harm time from `now`, in [s]: no contact that the limits forbid is possible before. Without
+    contact limits it is the contact time; 0 if unknown."""
     contact_speed: float | None = None
-    """Greatest speed in [m/s] at which an obstacle could be touched before the arm rests, were the
-    next verdict a STOP; 0 where no contact is possible by then, inf where nothing is proved. None
-    where no contact limits are stated."""
+    """Contact speed in [m/s]: greatest speed of any contact before the arm is at rest, if the next
+    verdict is a STOP. 0 if no contact is possible by then, inf if nothing is proved; None without
+    contact limits."""
     configuration: str | None = None
-    """Digest of what the monitor was made with, in verdicts that `armguard run` publishes; None in
+    """Digest of the monitor's configuration, in verdicts that `armguard run` publishes; None in
     others."""
 
     def __str__(self) -> str:
@@ -497,41 +496,40 @@ class Verdict(NamedTuple):
         )
 
     def describe_times(self) -> str:
-        """Its times in words, that of harm only where contact limits are stated."""
+        """Describe its times in words; the harm time only if contact limits are stated."""
         harm = "" if self.contact_speed is None else f"harm time {self.harm_time:.3f} s, "
         return f"contact time {self.contact_time:.3f} s, {harm}stop time {self.stop_time:.3f} s"
 
 
 class ResetVerdict(NamedTuple):
-    """Whether a monitor has obeyed a reset; frozen."""
+    """Answer to a reset; frozen."""
 
     obeyed: bool
-    """Whether it has; a cause that persists has latched again at once."""
+    """Whether the reset was obeyed; a cause that persists latches again at once."""
     problem: str
-    """Why not; empty where it has."""
+    """Why it was refused; empty if it was obeyed."""
 
 
 class PlanVerdict(NamedTuple):
-    """Whether the arm may follow a plan; frozen."""
+    """Answer to a plan; frozen."""
 
     safe: bool
-    """Whether it may: then it is what the monitor takes the arm to follow from now on."""
+    """Whether the arm may follow the plan; if so, the monitor assumes from now on that it does."""
     contact_time: float
-    """Earliest possible contact on the way, in [s] from now; inf if there is none before the arm
-    rests, 0 where that is unknown."""
+    """Earliest possible contact on the plan, in [s] from now; inf if none is possible before the
+    arm is at rest, 0 if unknown."""
     link: str | None
-    """Link of the pair that could touch first; None if none can."""
+    """Link of the first possible contact; None if none is possible."""
     obstacle: str | None
-    """Its obstacle, alike."""
+    """Obstacle of the first possible contact; None if none is possible."""
     reasons: tuple[Reason, ...]
     """Why not."""
 
 
 class PlanChoice(NamedTuple):
-    """Which of several plans the arm may follow; frozen."""
+    """Answer to several plans; frozen."""
 
     number: int | None
-    """Of the one that was committed, from 0, in the order in which they were offered; None: none
-    was safe."""
+    """Number of the committed plan, from 0, in the offered order; None: none was safe."""
     verdicts: tuple[PlanVerdict, ...]
-    """The answers to those that were judged, in their order."""
+    """Answers to the judged plans, in order."""

@@ -1,4 +1,4 @@
-"""Hello: an arm at rest, a ball that flies at it, and what the monitor says about it."""
+"""Hello: an arm at rest, a ball that flies towards it, and the monitor's verdicts."""
 
 import armguard
 

@@ -1,9 +1,9 @@
-"""The paper's own experiment: three objects in the plane, and which two could collide first.
+"""The paper's experiment: three objects in the plane, and which two could collide first.
 
-Section 7 of "The Use of Awareness in Collision Prediction" once more, on the same schedules that
-the monitor runs on: they see pair numbers and times, so any world will do. Here it has three
-objects, thus three pairs, a period of 0.05 s and 20 iterations, in each of which every object
-changes its velocity at random within its bound on acceleration. There are no bounds on speed.
+Repeats section 7 of "The Use of Awareness in Collision Prediction" with the schedules of armguard,
+which only need pair numbers and times. The world has three objects, thus three pairs, a period of
+0.05 s and 20 iterations. In each iteration every object changes its velocity at random within its
+bound on acceleration. There are no bounds on speed.
 
     python demos/02_paper.py --seeds 1000
 """

@@ -1,6 +1,6 @@
-"""A perception node: a ball that wanders towards the arm and away again, at 100 Hz.
+"""A perception node: reports a ball that moves towards the arm and away again, at 100 Hz.
 
-Run beside `armguard run demos/cell.toml` and `04_controller.py`.
+Run it together with `armguard run demos/cell.toml` and `04_controller.py`.
 """
 
 import math

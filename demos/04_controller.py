@@ -1,6 +1,6 @@
-"""A controller with a speed slider: slows down as told, stands on STOP and on silence.
+"""A controller with a speed slider: follows the speed scale, and stops on STOP and on silence.
 
-Run beside `armguard run demos/cell.toml` and `03_perception.py`.
+Run it together with `armguard run demos/cell.toml` and `03_perception.py`.
 """
 
 import math

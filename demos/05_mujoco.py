@@ -1,9 +1,9 @@
 """A MuJoCo simulation of an arm among moving bodies, supervised in its loop at 1 kHz.
 
 Needs the extra `mujoco`. The arm follows a path among a swinging beam, a cart, a drone and a rock,
-whose states come from the simulation, and obeys: it slows down as told, and brakes on STOP.
-`main(is_obeying=False)` shows the same without a monitor's word. MuJoCo measures the distances
-between the arm and the bodies itself; they pass through each other, so that touches can be counted.
+whose states come from the simulation. It obeys: it follows the speed scale, and brakes on STOP.
+With `main(is_obeying=False)` the arm ignores the monitor. MuJoCo measures the distances between the
+arm and the bodies; they pass through each other, so that contacts can be counted.
 """
 
 from typing import NamedTuple

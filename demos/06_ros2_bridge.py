@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""A ROS 2 node that supervises an arm: joint states and perception in, diagnostics and a speed out.
+"""A ROS 2 node that supervises an arm: reads joint states and perception, publishes a speed.
 
-Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs). What is in `armguard.bridges.ros2` is tested with
-messages that `rosbags` writes, and the node with a stand-in for rclpy, not with ROS 2 itself. Run
-it with the Python of ROS 2:
+It publishes diagnostics as well. Needs ROS 2 (rclpy, tf2_msgs, diagnostic_msgs).
+`armguard.bridges.ros2` is tested with messages that `rosbags` writes, and the node with a stand-in
+for rclpy, not with ROS 2 itself. Run it with the Python of ROS 2:
 
     python3 demos/06_ros2_bridge.py --cell demos/cell.toml \
         --obstacles camera=/people:geometry_msgs/msg/PoseArray --radius 0.4 \

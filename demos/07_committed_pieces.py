@@ -1,8 +1,8 @@
-"""A controller that moves on committed pieces only, each with a stop of its own.
+"""A controller that moves only on committed pieces, each with its own stop.
 
-Every 20 ms it shows what comes next. While the answer is yes it goes on; once a ball could come too
-near it runs the piece that it has to rest, and waits there until the next one is safe. No verdict
-has to arrive for that.
+Every 20 ms it offers its next piece. While pieces are safe, the arm moves on. When a ball could
+come too near, the arm follows its present piece to rest, and waits there until the next piece is
+safe. No verdict has to arrive for that.
 """
 
 import numpy as np

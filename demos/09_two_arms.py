@@ -1,9 +1,9 @@
 """Two arms that share a table, each with a monitor, each the other's obstacle.
 
-Both go back and forth between their own side and the middle, and obey: they slow down as they come
-near one another, and brake on STOP. Nothing but joint states goes from one to the other. The right
-arm gives way: held up for too long, it goes home first. `main(is_obeying=False)` shows the same
-without a monitor's word, `main(show=True)` shows it in the browser, as each monitor sees it.
+Both arms move between their own side and the middle, and obey: they slow down near each other, and
+brake on STOP. They exchange only joint states. The right arm gives way: if it is stopped for too
+long, it moves home first. With `main(is_obeying=False)` the arms ignore the monitors.
+`main(show=True)` shows each monitor's view in the browser.
 """
 
 import contextlib

@@ -1,20 +1,21 @@
-"""A depth camera beside an arm, from exposures to verdicts: noise, holes, flying pixels and all.
+"""A depth camera beside an arm, from exposures to verdicts, with noise, holes and flying pixels.
 
 Needs the extra `mujoco`, and EGL or OSMesa to render without a screen: `apt-get install libegl1`.
 
     python demos/10_depth_camera.py --seconds 60 [--no-view]
 
-Three processes. The *camera* renders depth images at 30 Hz, spoils them as its makers say that
-such images are spoilt, and publishes clouds of points, stamped with their exposure. The *monitor*
-takes the arm out of them and makes voxels of what is left (`depth_camera.toml`). The *arm*, here,
-publishes its joint states at 500 Hz and obeys the verdicts, while a person walks up to it, reaches
-in, and leaves. MuJoCo knows where both truly are, and measures. `main(is_obeying=False)` shows the
-same without a monitor's word.
+It runs three processes. The *camera* renders depth images at 30 Hz, adds the errors that its
+manufacturer states, and publishes point clouds with the stamps of their exposure. The *monitor*
+removes the arm from them and makes voxels from the rest (`depth_camera.toml`). The *arm*, in this
+process, publishes its joint states at 500 Hz and obeys the verdicts, while a person walks up to it,
+reaches in, and leaves. MuJoCo measures the true distances. With `main(is_obeying=False)` the arm
+ignores the monitor.
 
-What the camera does not see is not there for the monitor (`snapshot=True`). So this cell rests on
-premises: fences on all sides but the gate; nobody in the shadow of the arm or of somebody else; no
-part of a person in a hole of the image, flat on the table, or within the blind shell around the arm
-without another part in view beside it; and errors of depths within four deviations.
+A body that the camera does not see does not exist for the monitor (`snapshot=True`). So this cell
+has premises. Fences close all sides except the gate. No person is in the shadow of the arm or of
+another person. No part of a person is in a hole of the image, flat on the table, or within the
+blind shell around the arm without another part in view beside it. Errors of depths are within four
+standard deviations.
 """
 
 import argparse

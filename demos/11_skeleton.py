@@ -1,7 +1,7 @@
 """A camera that tracks a person's joints, beside an arm: from a kit's JSON to verdicts.
 
-The frames are made here, as a ZED camera writes them, of a simulated person whose right wrist is
-hidden now and then. All else is what a node of your own does with frames of a real camera.
+The frames have the format of a ZED camera. They show a simulated person whose right wrist is hidden
+from time to time. The rest is the code of a node for a real camera.
 """
 
 import json

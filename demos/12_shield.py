@@ -1,6 +1,6 @@
-"""An arm to and fro on proved motions: sends goals to a shield, and follows its commands.
+"""A controller for proved motions: sends goals to a shield, and follows its commands.
 
-Run beside `armguard shield demos/shield.toml` and `03_perception.py`.
+Run it together with `armguard shield demos/shield.toml` and `03_perception.py`.
 """
 
 import math

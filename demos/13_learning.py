@@ -1,7 +1,7 @@
-"""A learner that explores at random beside a person, without a shield and with one.
+"""A learner that explores at random beside a person, without and with a shield.
 
-Needs the extra `gym`. The learner knows nothing of the arm. From what it sees it learns by which
-joint the gripper moves where (Broyden's rule), and moves the gripper to where it is to go.
+Needs the extra `gym`. The learner has no model of the arm. It learns from its observations how
+joints move the gripper (Broyden's rule), and moves the gripper to its target.
 """
 
 import os

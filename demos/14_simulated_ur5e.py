@@ -1,4 +1,4 @@
-"""A simulated UR5e controller, which runs a program: for `armguard drive demos/ur5e.toml`."""
+"""A simulated UR5e controller that runs a program, for `armguard drive demos/ur5e.toml`."""
 
 import math
 import time

@@ -1,9 +1,9 @@
-"""Tells the terminal of a run what happens: changes of level, latched faults, faults of messages.
+"""Prints the events of a run on the terminal: changes of level, latched and message faults.
 
 A terminal may be slow, or stopped by Ctrl-S; the loop must not wait for it. So the loop only
-appends to a bounded queue, without a lock, and a thread writes what is in it. The thread is started
-before real-time scheduling is asked for, does not inherit it, and sleeps nearly all the time. What
-did not fit into the queue is counted and said.
+appends to a bounded queue without a lock, and a thread writes its lines. The thread starts before
+real-time scheduling is requested and does not inherit it. Lines that did not fit into the queue are
+counted, and their number is printed.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ INTERVAL = 0.25
 """Between two lines about levels, in [s]: flutter must not flood a terminal."""
 
 QUEUE_LIMIT = 256
-"""Lines that wait for a slow terminal; further ones are dropped and counted."""
+"""Greatest number of lines that wait for a slow terminal; further lines are dropped and counted."""
 
 _WAKE = 0.05
 """Between two readings of the queue by the thread, in [s]."""
 
 _GOODBYE = 1.0
-"""How long the end of a run waits for a terminal to take the last lines, in [s]."""
+"""How long the end of a run waits until the last lines are written, in [s]."""
 
 _WIDTH = 1000
 """Longest line, in characters, without its time."""
@@ -39,9 +39,9 @@ _REASONS = 3
 
 
 def write_error(text: str) -> None:
-    """Write on standard error; where that has gone there is nothing to be told.
+    """Write on standard error; if it is closed, do nothing.
 
-    By its descriptor: a thread that is stuck in Python's own file would hold its lock for ever.
+    Writes to the file descriptor: a thread that blocks in Python's file object would hold its lock.
     """
     encoding = getattr(sys.stderr, "encoding", None) or "utf-8"
     data = text.encode(encoding, "backslashreplace")
@@ -51,10 +51,10 @@ def write_error(text: str) -> None:
 
 
 class Announcer:
-    """Writes lines from a thread of its own; a context, at whose end all that can be is written.
+    """Writes lines from its own thread; a context manager that writes the rest at its end.
 
     Args:
-        quiet: Whether levels and latched faults are left out, and only `tell` is heard.
+        quiet: Whether to print only the lines of `tell`, without levels and latched faults.
         write: Takes text of one or more lines; may block.
         wall_clock: Reads the time of day, in [s] since 1970.
 
@@ -96,14 +96,14 @@ class Announcer:
         self._thread.join(_GOODBYE)
 
     def tell(self, text: str) -> None:
-        """Have a line written, if there is room for it; never blocks."""
+        """Append a line to the queue if there is room; never blocks."""
         if len(self._lines) >= QUEUE_LIMIT:
             self.dropped += 1
         else:
             self._lines.append((self._wall_clock(), text))
 
     def observe(self, now: float, verdict: Verdict) -> None:
-        """Take a verdict; changes of level and new latched faults become lines. Never blocks.
+        """Append a line if the level changed or a fault was latched. Never blocks.
 
         Args:
             now: Time of the verdict, in [s] of any clock that does not run backwards.
@@ -158,7 +158,7 @@ class Announcer:
         self.tell(text)
 
     def _serve(self) -> None:
-        """Write what is in the queue until the end; the thread's work."""
+        """Write the lines of the queue until the end; runs in the thread."""
         while not self._ending.wait(_WAKE):
             self._flush()
         self._flush()
@@ -176,7 +176,7 @@ class Announcer:
 
 
 def _find_cause(verdict: Verdict) -> ReasonKind | None:
-    """What a STOP is told apart by: its weightiest reason, if that is more than a contact."""
+    """The weightiest reason of a STOP, which distinguishes STOPs; None for a contact alone."""
     if verdict.level is not Level.STOP or not verdict.reasons:
         return None
     kind = verdict.reasons[0].kind
@@ -185,7 +185,7 @@ def _find_cause(verdict: Verdict) -> ReasonKind | None:
 
 
 def _describe(verdict: Verdict) -> str:
-    """Why a verdict is as it is, the weightiest reasons first."""
+    """The reasons of a verdict in words, the weightiest first."""
     if not verdict.reasons:
         if verdict.link is None:
             return "no contact possible"

@@ -1,9 +1,10 @@
 """The command line: `armguard …`.
 
 Each command is a small dataclass: its fields are the options, its docstring the help, `run` the
-work. Mistakes are one line on standard error and exit code 2; a traceback is always a bug. With
-`json` among its fields, it hands what it has found to `armguard.app.terminal.print_json`.
-Libraries are imported by the command that needs them, so that help and mistakes come at once.
+work. A mistake of the user prints one line on standard error and exits with code 2; a traceback is
+always a bug. A command with a field `json` passes its results to
+`armguard.app.terminal.print_json`. Each command imports the libraries that it needs, so that help
+and errors appear at once.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from armguard.settings.schedule import ScheduleName
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS
 
 MISTAKE = 2
-"""Exit code of a call that could not be carried out as given."""
+"""Exit code of a command whose arguments cannot be used."""
 
 _T = TypeVar("_T")
 
@@ -48,15 +49,15 @@ _USUAL_VERDICTS = f"port {VERDICTS_ADDRESS.rpartition(':')[2]} of the same host"
 
 
 def _default(address: str) -> object:
-    """What help says of an address that counts where none is given."""
+    """An option whose help shows `address` as its default."""
     return tyro.conf.arg(help_behavior_hint=f"(default: {address})")
 
 
 class Command(Protocol):
-    """What `armguard` can be asked to do."""
+    """A command of `armguard`."""
 
     def run(self) -> int:
-        """Do it; the exit code."""
+        """Run the command; returns the exit code."""
         ...
 
 
@@ -74,32 +75,32 @@ class Demo:
     """
 
     robot: str = "panda"
-    """Which arm: one that `armguard robots` lists, or a folder that `robot new` has written."""
+    """The arm: a name that `armguard robots` lists, or a folder that `armguard robot new` wrote."""
 
     duration: float = 20.0
-    """How long to run, in seconds; a recording may end it sooner."""
+    """Duration in seconds; the demo ends sooner if the recording of the person is shorter."""
     person: Path | None = None
-    """A Vicon CSV recording of a person; without it, a simulated one comes and goes."""
+    """Vicon CSV recording of a person. Default: a simulated person comes and goes."""
     obstacles: int = 0
-    """How many balls wander about the cell too."""
+    """Number of balls that move about the cell, in addition to the person."""
     shield: Flag = False
-    """A shield moves the arm, on proved motions only; without it, the arm obeys verdicts."""
+    """Let a shield move the arm, on proved motions only; otherwise the arm obeys verdicts."""
     schedule: ScheduleName = "deadline"
     """Which pairs are evaluated in each tick."""
     seed: int = 0
-    """Of the arm's, the person's and the balls' motions."""
+    """Seed of the random motions of arm, person and balls."""
     no_view: Flag = False
-    """Serve no browser page."""
+    """Do not serve the browser page."""
     port: int = 0
-    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    """TCP port of the page on 127.0.0.1; 0: any free port."""
     open: Flag = False
     """Open the page in the browser."""
     record: Path | None = None
-    """Write a recording: a new MCAP file, or a folder for one."""
+    """Write a recording: path of a new MCAP file, or of a folder."""
     export: Path | None = None
-    """Write, at the end, one HTML file that plays what the page showed, offline."""
+    """At the end, write one HTML file that plays what the page showed, without a network."""
     premises: Flag = False
-    """Print every premise that verdicts rest on, a line each."""
+    """Print each premise that verdicts rest on, one a line."""
     json: Flag = False
     """Print one JSON object at the end and nothing else."""
 
@@ -112,7 +113,7 @@ class Demo:
 
 @command
 class Run:
-    """Supervise a cell: obstacles and joint states streamed in, verdicts streamed out.
+    """Supervise a cell: read streams of obstacles and joint states, publish verdicts.
 
     Example: armguard run demos/cell.toml --view tcp://127.0.0.1:5704 --record run.mcap
     """
@@ -120,50 +121,50 @@ class Run:
     cell: Positional[Path]
     """The cell file."""
     arm: str | None = None
-    """Which arm is watched, in a cell with several: one process for each."""
+    """The arm to watch, in a cell with several arms; each arm needs its own process."""
     obstacles: str = OBSTACLES_ADDRESS
-    """Address to bind for obstacles; "-" reads JSON lines, joint states among them, from stdin."""
+    """Address to bind for obstacles; "-" reads JSON lines of obstacles and joints from stdin."""
     joints: Annotated[str | None, _default(JOINTS_ADDRESS)] = None
     """Address to bind for joint states."""
     verdicts: str = VERDICTS_ADDRESS
-    """Address to bind for readers of verdicts, and of commands."""
+    """Address to bind for verdicts and commands, to which readers connect."""
     view: str | None = None
-    """Address to bind for views to attach to, as `armguard view` does."""
+    """Address to bind for views, to which `armguard view` connects."""
     reset_token: str | None = None
-    """Token that `armguard reset` must give to end a latched STOP; without one, none is obeyed."""
+    """Token that `armguard reset` must send to end a latched STOP. Default: refuse all resets."""
     record: Path | None = None
-    """Write a recording for `armguard replay`: a new MCAP file, or a folder for one."""
+    """Write a recording for `armguard replay`: path of a new MCAP file, or of a folder."""
     drive: Flag = False
-    """Start `armguard drive` for the robot of [robot.driver] as well, and look after it."""
+    """Also start `armguard drive` for the robot of [robot.driver], and restart it when it ends."""
     proof_interval: float | None = None
-    """Seconds between two proofs in the recording; inf: none. By default it is 0.1."""
+    """Time between two proofs in the recording, in seconds; inf: no proofs. Default: 0.1 s."""
     sign: Path | None = None
-    """Sign the recording: the secret file that `armguard keys new --recordings` wrote."""
+    """Secret key file to sign the recording with, made by `armguard keys new --recordings`."""
     part_hours: float | None = None
-    """Let the recording go on in another file after so long."""
+    """Continue the recording in a new file after this many hours."""
     part_megabytes: float | None = None
-    """Let the recording go on in another file once one is so large."""
+    """Continue the recording in a new file when a file reaches this size, in megabytes."""
     keep_days: float | None = None
-    """Remove files of recordings in that folder so long after their last change."""
+    """Delete recordings in that folder this many days after their last change."""
     expect: str | None = None
-    """Start only if the configuration has this digest, which a start tells."""
+    """Start only if the configuration has this digest; each start prints its digest."""
     no_realtime: Flag = False
-    """Do not ask the system for real-time scheduling and memory kept in RAM."""
+    """Do not request real-time scheduling and locked memory from the system."""
     duration: float = float("inf")
-    """How long to run, in seconds."""
+    """Duration in seconds."""
     json: Flag = False
     """Print the summary as one JSON object."""
     json_verdicts: Flag = False
-    """Send verdicts and commands as JSON objects, not as msgpack maps."""
+    """Publish verdicts and commands as JSON objects instead of msgpack maps."""
     premises: Flag = False
-    """Print every premise that verdicts rest on, a line each."""
+    """Print each premise that verdicts rest on, one a line."""
     quiet: Flag = False
-    """Print neither addresses nor changes of level, only errors in messages."""
+    """Print no addresses and no changes of level, only errors in messages."""
     parent: int | None = None
-    """End when this process is no longer the one that started this command."""
+    """Process id of the parent; the command ends when that process has ended."""
 
     def run(self) -> int:
-        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        """Run until the duration or standard input ends, or until Ctrl-C."""
         return self._supervise(moves=False)
 
     def _supervise(self, *, moves: bool) -> int:
@@ -176,57 +177,57 @@ class Run:
 
 @command
 class Shield(Run):
-    """Move an arm on proved motions only: goals and joint states streamed in, commands out.
+    """Move an arm on proved motions only: read goals and joint states, publish commands.
 
-    Takes what `armguard run` takes, and goals beside it. The cell file needs [shield].
+    Has the options of `armguard run`, and reads goals as well. The cell file must have [shield].
 
     Example: armguard shield demos/shield.toml --view tcp://127.0.0.1:5704
     """
 
     def run(self) -> int:
-        """Run until the end of the duration, of standard input, or Ctrl-C."""
+        """Run until the duration or standard input ends, or until Ctrl-C."""
         return self._supervise(moves=True)
 
 
 @command
 class Drive:
-    """Join a robot to a running monitor: joint states out, verdicts obeyed.
+    """Connect a robot to a running monitor: send joint states, obey verdicts.
 
-    The robot is that of [robot.driver] in the cell file: an arm of Universal Robots, or one in a
-    ROS 2 graph. Without a valid verdict it stands.
+    The cell file names the robot in [robot.driver]: an arm of Universal Robots or Franka Robotics,
+    or one in a ROS 2 graph. Without a valid verdict the driver stops the arm.
 
     Example: armguard drive demos/ur5e.toml
     """
 
     cell: Positional[Path]
-    """The cell file, as `armguard run` has it."""
+    """The cell file that `armguard run` uses."""
     arm: str | None = None
-    """Which arm, in a cell with several."""
+    """The arm to drive, in a cell with several arms."""
     joints: str = JOINTS_ADDRESS
-    """Address of the monitor's joint states."""
+    """Address at which the monitor reads joint states."""
     obstacles: str = OBSTACLES_ADDRESS
-    """Address of its obstacles, for a driver that brings them along."""
+    """Address at which the monitor reads obstacles, for drivers that also send obstacles."""
     verdicts: str = VERDICTS_ADDRESS
-    """Address of its verdicts."""
+    """Address at which the monitor publishes verdicts."""
     measure: Flag = False
-    """Stop the arm a few times while its program runs, and print how it stops."""
+    """Stop the arm a few times while its program runs, and print times and distances."""
     stops: int = 5
-    """How often, with --measure."""
+    """Number of stops, with --measure."""
     key: Path | None = None
-    """Where the monitor asks for keys: the secret file of a client with joints and verdicts."""
+    """Secret key file of a client with `joints` and `verdicts`, if the monitor requires keys."""
     server_key: Path | None = None
-    """The monitor's public file."""
+    """Public key file of the monitor, if it requires keys."""
     duration: float = float("inf")
-    """How long to drive, in seconds."""
+    """Duration in seconds."""
     json: Flag = False
     """Print one JSON object at the end; what is for people goes to standard error."""
     again: Flag = False
-    """Nobody has just started this: a robot that a person must start stands, as after a fault."""
+    """State that this is an automatic restart: a robot that a person must start stays at rest."""
     parent: int | None = None
-    """End when this process is no longer the one that started this command."""
+    """Process id of the parent; the command ends when that process has ended."""
 
     def run(self) -> int:
-        """Drive until the end of the duration, or Ctrl-C."""
+        """Drive until the duration ends, or until Ctrl-C."""
         if self.parent is not None:
             end_with(self.parent)
         from armguard.app.drive import drive
@@ -236,7 +237,7 @@ class Drive:
 
 @command
 class Replay:
-    """Replay a recording and check that its verdicts are the same, to the bit.
+    """Replay a recording and check that the verdicts are bit-identical.
 
     Example: armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3
 
@@ -244,42 +245,42 @@ class Replay:
     """
 
     file: Positional[Path]
-    """What `--record` or `armguard.Recorder` wrote; with --topics a rosbag2 folder or MCAP file."""
+    """The recording; with --topics, a rosbag2 folder or an MCAP file of other software."""
     topics: tuple[str, ...] = ()
-    """Of a recording of others: joint states, and obstacles as /topic or source=/topic."""
+    """In a recording of other software: /topic of joint states, source=/topic of obstacles."""
     cell: Path | None = None
-    """The cell file for a recording of others."""
+    """The cell file for a recording of other software."""
     radius: float | None = None
-    """Of what comes as poses without sizes, in metres."""
+    """Radius of obstacles that are recorded as poses without sizes, in metres."""
     snapshot: Flag = False
-    """Each message of obstacles shows all that its source sees; what is absent is gone."""
+    """Each message shows all obstacles of its source: an absent obstacle is removed."""
     stamps: Literal["header", "recorded"] = "header"
-    """When states of others were measured: as their headers say, or when they were recorded."""
+    """Times of measurement in a recording of other software: from headers, or when recorded."""
     record: Path | None = None
-    """Make a recording of a recording of others: a new MCAP file, or a folder for one."""
+    """Convert a recording of other software: path of a new MCAP file, or of a folder."""
     explain: str | None = None
-    """Why the verdict at this time was as it was: in seconds of the monitor, or as 14:03:12.5."""
+    """Explain the verdict at this time: seconds of the monitor, or a time such as 14:03:12.5."""
     what_if: str | None = None
-    """Which stops other settings would have avoided: name=value, by commas."""
+    """Print which stops other settings would have avoided: name=value, separated by commas."""
     verify: Flag = False
-    """Replay nothing: find what was changed, removed, reordered or cut off since then."""
+    """Do not replay; check that no part was changed, removed, reordered or cut off."""
     key: Path | None = None
-    """With --verify: the public file of the key that must have signed the recording."""
+    """With --verify: public key file; the recording must be signed with its secret key."""
     csv: Path | None = None
-    """Write a table of all verdicts; "-" is standard output."""
+    """Write a table of all verdicts to this file; "-" is standard output."""
     view: Flag = False
-    """Show the cell in a browser page, which plays, steps and searches, until Ctrl-C."""
+    """Serve a browser page that plays, steps and searches the recording, until Ctrl-C."""
     export: Path | None = None
-    """Write one HTML file that plays what the page shows, offline."""
+    """Write one HTML file that plays what the page shows, without a network."""
     port: int = 0
-    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    """TCP port of the page on 127.0.0.1; 0: any free port."""
     open: Flag = False
     """Open the page in the browser."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Replay; the exit code is 1 where verdicts differ."""
+        """Replay the recording; the exit code is 1 if verdicts differ."""
         from armguard.app.replay import replay
 
         return replay(self)
@@ -287,18 +288,18 @@ class Replay:
 
 @command
 class Check:
-    """Check the proofs of a recording by a program that shares nothing with armguard.
+    """Check the proofs in a recording with a program that shares no code with armguard.
 
     Example: armguard check run.mcap
     """
 
     file: Positional[Path]
-    """What `--record` or `armguard.Recorder` wrote."""
+    """A recording that `--record` or `armguard.Recorder` wrote."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Check; the exit code is 1 where there is no proof, or one does not hold."""
+        """Check the proofs; the exit code is 1 if there is none, or if one does not hold."""
         from armguard.app.check import check
 
         return check(self)
@@ -306,20 +307,22 @@ class Check:
 
 @command
 class Commission:
-    """Find an arm's limits and its controller's delays in a recording of stops, as lines to paste.
+    """Measure an arm's limits and its controller's delays from a recording of stops.
+
+    Prints and writes the lines to paste into the cell file and robot.toml.
 
     Example: armguard commission run.mcap --out commissioned
     """
 
     file: Positional[Path]
-    """What `--record` or `armguard.Recorder` wrote while the arm was stopped a few times."""
+    """A recording by `--record` or `armguard.Recorder` in which the arm was stopped a few times."""
     out: Path | None = None
-    """The folder to write cell-lines.toml and robot.toml into."""
+    """Folder to write cell-lines.toml and robot.toml into."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Find it."""
+        """Measure and print them."""
         from armguard.lab.commission.command import run_commission
 
         return run_commission(self.file, self.out)
@@ -327,32 +330,33 @@ class Commission:
 
 @command
 class People:
-    """Measure recordings of tracked people: bounds, hidden joints, errors, lines to paste.
+    """Measure bounds, hidden joints and errors in recordings of tracked people.
 
-    Reads what OpenPose (--3d), Azure Kinect, MediaPipe and ZED write as JSON, and Vicon's CSV.
+    Reads JSON of OpenPose (--3d), Azure Kinect, MediaPipe and ZED, and CSV of Vicon. Prints lines
+    to paste into the cell file.
 
     Example: armguard people camera.jsonl --check
     """
 
     files: Positional[tuple[Path, ...]] = ()
-    """The recordings, measured together; none: the folder that ARMGUARD_RECORDINGS names."""
+    """Recordings, measured together. Default: the folder that ARMGUARD_RECORDINGS names."""
     check: Flag = False
-    """Measure how often bounds break, how long joints are hidden, and what positions are off by."""
+    """Measure how often bounds are broken, how long joints are hidden, and position errors."""
     threshold: float | None = None
-    """Joints of less confidence are hidden; without it, the kit's usual one. 0 takes all."""
+    """Confidence below which a joint is hidden; 0 uses all joints. Default: that of the kit."""
     rate: float | None = None
-    """Frames a second, in Hz, where frames have no stamps."""
+    """Frame rate in Hz, for recordings whose frames have no stamps."""
     unit: float | None = None
-    """Of positions, in metres, as 0.001; without it, the kit's usual one."""
+    """Unit of positions in metres, such as 0.001 for mm. Default: that of the kit."""
     position_error: float | None = None
-    """What positions are stated to be off by, in metres; without it, what is proposed."""
+    """Greatest error of positions to assume, in metres. Default: the proposed one."""
     height: float | None = None
-    """Of the people, in metres; without it, bones may be as long as anybody's."""
+    """Height of the people in metres, which limits bone lengths. Default: any adult."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Measure."""
+        """Measure and print the results."""
         from armguard.lab.tracked_people.command import run_people
 
         return run_people(
@@ -368,27 +372,27 @@ class People:
 
 @command
 class Reset:
-    """End a latched STOP of a running monitor, once its cause has gone.
+    """End a latched STOP of a running monitor, after its cause is gone.
 
-    Says whether it was obeyed; the exit code is 1 where it was not.
+    Prints the monitor's answer. The exit code is 1 if the reset was refused.
 
     Example: armguard reset tcp://127.0.0.1:5702 --token sesame
     """
 
     address: Positional[str]
-    """Where the monitor takes obstacles or joint states; `armguard run` prints it."""
+    """Address at which the monitor reads obstacles or joint states; `armguard run` prints it."""
     token: str
-    """What `armguard run --reset-token` was given."""
+    """The token given to `armguard run --reset-token`."""
     verdicts: Annotated[str | None, _default(_USUAL_VERDICTS)] = None
-    """Where the monitor publishes verdicts, and its answer."""
+    """Address at which the monitor publishes verdicts and its answer."""
     arm: str = ""
-    """Whose monitor is meant, in a cell with several arms."""
+    """Name of the arm whose monitor to reset, in a cell with several arms."""
     key: Path | None = None
-    """Where the monitor asks for keys: the secret file of a client that may reset."""
+    """Secret key file of a client with `reset`, if the monitor requires keys."""
     server_key: Path | None = None
-    """The monitor's public file."""
+    """Public key file of the monitor, if it requires keys."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
         """Send the reset and wait for the answer."""
@@ -405,19 +409,19 @@ class View:
     """
 
     address: Positional[str]
-    """What `armguard run --view` was given."""
+    """The address given to `armguard run --view`."""
     port: int = 0
-    """TCP port of the page; 0: any that is free."""
+    """TCP port of the page; 0: any free port."""
     floor: float = 0.0
-    """Height of the floor that is drawn, in metres."""
+    """Height at which the floor is drawn, in metres."""
     open: Flag = False
     """Open the page in the browser."""
     host: str = "127.0.0.1"
-    """Address of the interface that serves the page: beyond this machine by a token in its URL."""
+    """Address of the interface that serves the page; other machines need the token in the URL."""
     key: Path | None = None
-    """Where the monitor asks for keys: the secret file of a client that may view."""
+    """Secret key file of a client with `view`, if the monitor requires keys."""
     server_key: Path | None = None
-    """The monitor's public file."""
+    """Public key file of the monitor, if it requires keys."""
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
@@ -428,9 +432,10 @@ class View:
 
 @command
 class Keys:
-    """Make keys, with which streams can leave this machine; nothing else is then let in.
+    """Make a key pair for streams that leave this machine, or to sign recordings.
 
-    Or a key that signs recordings, so that nobody else can change one unnoticed.
+    A monitor with keys accepts only clients whose keys its cell file lists. With --recordings, the
+    pair signs recordings; `armguard replay --verify` then detects every later change.
 
     Example: armguard keys new camera --dir keys
 
@@ -438,16 +443,16 @@ class Keys:
     """
 
     action: Positional[Literal["new"]]
-    """Make a new pair."""
+    """Make a new key pair."""
     name: Positional[str]
-    """Of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
+    """Name of the client, as in [keys.clients.NAME] of the cell file, or of the monitor."""
     dir: Path = Path()
-    """The folder to write NAME.secret and NAME.public into."""
+    """Folder to write NAME.secret and NAME.public into."""
     recordings: Flag = False
-    """Make a pair that signs recordings, not one for streams."""
+    """Make a key pair that signs recordings instead of one for streams."""
 
     def run(self) -> int:
-        """Make them."""
+        """Make the key pair."""
         from armguard.app.run import make_keys, make_signing_keys
 
         return (make_signing_keys if self.recordings else make_keys)(self.name, self.dir)
@@ -455,17 +460,17 @@ class Keys:
 
 @command
 class Show:
-    """Show an arm in the browser: its meshes, its cover, and the levels of the cover's tree.
+    """Show an arm in the browser: its meshes, its cover, and each level of the cover's tree.
 
     Example: armguard show ur5 --open
     """
 
     robot: Positional[str]
-    """A robot that armguard knows, the folder of one, or a URDF, to which a cover is fitted."""
+    """A known robot, the folder of a robot, or a URDF; armguard fits a cover to a URDF."""
     package_dirs: tuple[Path, ...] = ()
-    """Folders in which the URDF's packages lie, besides those around it."""
+    """Further folders to search for the packages that the URDF names."""
     port: int = 0
-    """TCP port of the page on 127.0.0.1; 0: any that is free."""
+    """TCP port of the page on 127.0.0.1; 0: any free port."""
     open: Flag = False
     """Open the page in the browser."""
 
@@ -478,36 +483,36 @@ class Show:
 
 @command
 class Cover:
-    """Fit spheres to a robot's links, prove that they contain them, and write them.
+    """Fit spheres to a robot's links, prove that they contain the links, and write them.
 
     Example: armguard cover my_arm.urdf --protrusion 20 --out my_arm
     """
 
     robot: Positional[str]
-    """A URDF, a robot that armguard knows, or the folder of one of your own."""
+    """A URDF, a known robot, or the folder of a robot."""
     limits: Path | None = None
-    """A robot.toml for that URDF, which says what moves; without it, every joint does."""
+    """A robot.toml for that URDF, which names the joints that move. Default: every joint moves."""
     package_dirs: tuple[Path, ...] = ()
-    """Folders in which the URDF's packages lie, besides those around it."""
+    """Further folders to search for the packages that the URDF names."""
     spheres: int | None = None
-    """At most so many spheres a link; or"""
+    """Greatest number of spheres per link; give this or --protrusion."""
     protrusion: float | None = None
-    """how far they may stick out, in mm. Neither: 20 mm."""
+    """How far spheres may stick out, in mm; 20 mm if neither is given."""
     out: Path | None = None
-    """The folder to write cover.json into."""
+    """Folder to write cover.json into."""
     check: Flag = False
-    """Prove the cover of a known robot again; nothing is fitted."""
+    """Prove the cover of a known robot again, without a new fit."""
     spheres_from: Annotated[Path | None, tyro.conf.arg(name="import")] = None
-    """A file of cuRobo (.yml), VAMP or foam (.urdf): show what its spheres leave uncovered."""
+    """Sphere file of cuRobo (.yml), VAMP or foam (.urdf): show what its spheres leave uncovered."""
     inflate: Flag = False
-    """Grow the imported spheres into a proved cover."""
+    """Enlarge the imported spheres until they are a proved cover."""
     export: Path | None = None
-    """Write a known robot's cover as such a file."""
+    """Write a known robot's cover as a sphere file of that kind."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Do what the options ask for."""
+        """Fit, check, import or export, as the options say."""
         from armguard.lab.covers import run
 
         return run(self)
@@ -515,10 +520,10 @@ class Cover:
 
 @command
 class NewRobot:
-    """Describe an arm of your own from its URDF or MJCF: limits, brakes, and a proved cover.
+    """Describe a new arm from its URDF or MJCF: limits, brakes, and a proved cover.
 
-    Asks for what the file lacks. AMOUNT counts for all joints that lack one, JOINT=AMOUNT for that
-    joint, whatever the URDF says; JOINT may be a pattern.
+    Asks for values that the file lacks. AMOUNT applies to all joints without a value. JOINT=AMOUNT
+    applies to that joint and overrides the URDF; JOINT can be a pattern.
 
     Example: armguard robot new arm.urdf --joint-limits joint_limits.yaml --out my_arm
 
@@ -526,53 +531,53 @@ class NewRobot:
     """
 
     action: Positional[Literal["new"]]
-    """Make a new one; `armguard robots` lists those that armguard knows."""
+    """Describe a new robot; `armguard robots` lists the known ones."""
     urdf: Positional[Path]
-    """A URDF, an MJCF, one below robots/ of example-robot-data, or YAML with robot_description."""
+    """A URDF, an MJCF, a name in robots/ of example-robot-data, or YAML with robot_description."""
     out: Path
-    """The folder to write robot.toml and cover.json into: new, or empty."""
+    """New or empty folder to write robot.toml and cover.json into."""
     yes: Flag = False
-    """Take what is usual for all that is missing; the file says what was CHOSEN."""
+    """Use default values for all that is missing; the file marks them as CHOSEN."""
     joint_limits: Path | None = None
-    """MoveIt's joint_limits.yaml: what the controller keeps to at work."""
+    """MoveIt's joint_limits.yaml, used as the operating limits."""
     package_dirs: tuple[Path, ...] = ()
-    """Folders in which the URDF's packages lie, besides those around it."""
+    """Further folders to search for the packages that the URDF names."""
     title: str | None = None
-    """The robot's name for people; without it, that of the folder."""
+    """Display name of the robot. Default: the folder's name."""
     joints: tuple[str, ...] = ()
-    """The joints to watch; without it, all but those that mimic or are mimicked."""
+    """Joints to watch. Default: all joints without mimic relations."""
     lock: tuple[str, ...] = ()
-    """Joints that stand still, as JOINT=POSITION, in rad or m."""
+    """Joints that never move, as JOINT=POSITION, in rad or m."""
     travel: tuple[str, ...] = ()
-    """Joints not to watch that may be anywhere in their range, such as fingers."""
+    """Joints that are not measured and can be anywhere in their range, such as fingers."""
     collision_from_visual: tuple[str, ...] = ()
-    """Links without collision geometry that are collided with as they are drawn."""
+    """Links without collision geometry whose visual geometry is used instead."""
     bare_links: tuple[str, ...] = ()
-    """Links without collision geometry to leave uncovered."""
+    """Links without collision geometry that stay without a cover."""
     position: tuple[str, ...] = ()
     """Position limits, as JOINT=LOWER:UPPER, in rad or m."""
     velocity: tuple[str, ...] = ()
     """Velocity limits, in rad/s or m/s."""
     acceleration: tuple[str, ...] = ()
-    """Accelerations that are never exceeded, emergency stops included, in rad/s² or m/s²."""
+    """Acceleration limits that hold always, also in emergency stops, in rad/s² or m/s²."""
     load: str | None = None
-    """Up to which the decelerations hold, in kg."""
+    """Load up to which the decelerations are guaranteed, in kg."""
     deceleration: tuple[str, ...] = ()
-    """What brakes guarantee at each instant, in rad/s² or m/s²."""
+    """Deceleration that the brakes guarantee at each instant, in rad/s² or m/s²."""
     operating_velocity: tuple[str, ...] = ()
-    """What the controller keeps to at work, in rad/s or m/s."""
+    """Operating velocities that the controller enforces, in rad/s or m/s."""
     operating_acceleration: tuple[str, ...] = ()
-    """What the controller keeps to at work, in rad/s² or m/s²."""
+    """Operating accelerations that the controller enforces, in rad/s² or m/s²."""
     position_error: tuple[str, ...] = ()
-    """What measured positions may be off by; without it, 0.001 rad or m."""
+    """Greatest error of measured positions, in rad or m. Default: 0.001 rad or m."""
     velocity_error: tuple[str, ...] = ()
-    """What measured velocities may be off by; without it, 0.02 rad/s or m/s."""
+    """Greatest error of measured velocities, in rad/s or m/s. Default: 0.02 rad/s or m/s."""
     spheres: int | None = None
-    """At most so many spheres a link; or"""
+    """Greatest number of spheres per link; give this or --protrusion."""
     protrusion: float | None = None
-    """how far they may stick out, in mm. Neither: 20 mm."""
+    """How far spheres may stick out, in mm; 20 mm if neither is given."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
         """Ask, fit, and write."""
@@ -583,20 +588,20 @@ class NewRobot:
 
 @command
 class Faults:
-    """Make faults on purpose in a simulated cell of real processes, and judge each.
+    """Inject faults into a simulated cell of real processes, and check each reaction.
 
     Example: armguard faults --only "camera-*" --out docs/faults.md
     """
 
     only: tuple[str, ...] = ()
-    """Names of faults, or patterns as "driver-*"; without it, all."""
+    """Names of faults, or patterns such as "driver-*". Default: all faults."""
     out: Path | None = None
-    """The page to write."""
+    """Markdown page to write."""
     json: Flag = False
     """Print one JSON object instead of a table."""
 
     def run(self) -> int:
-        """Make the campaign; the exit code is 1 where something is not as it must be."""
+        """Run the campaign; the exit code is 1 if a reaction is not as required."""
         from armguard.lab.faults.command import run_faults
 
         return run_faults(self.only, self.out)
@@ -604,32 +609,32 @@ class Faults:
 
 @command
 class Tradeoff:
-    """Measure what accuracy costs: one scene through all settings, and a report to choose by.
+    """Measure what accuracy costs: run one scene with all settings, and write a report.
 
     Example: armguard tradeoff --robot ur10 --seconds 10 --axis cover motion --out tradeoff
     """
 
     cell: Annotated[Path | None, Positional, tyro.conf.arg(metavar="[PATH]")] = None
-    """A cell file, whose settings are the default; without it, a robot by itself that keeps to
-    its published operating limits."""
+    """Cell file whose settings are the default. Without it: a robot alone, with its published
+    operating limits."""
     person: Path | None = None
-    """A Vicon CSV recording of a person; without it, a simulated one."""
+    """Vicon CSV recording of a person. Default: a simulated person."""
     robot: str | None = None
-    """A robot that armguard knows, or the folder of one of your own; without it, Panda."""
+    """A known robot, or the folder of a robot. Default: panda."""
     obstacles: int = 0
-    """How many balls wander about the arm; without a recording, instead of the person."""
+    """Number of balls that move about the arm; without --person, they replace the person."""
     touching: int = 0
-    """How many balls come and touch the arm, so that there are contacts to be missed."""
+    """Number of balls that touch the arm, so that the study has contacts to detect."""
     out: Path = Path("tradeoff")
-    """The folder to write the report into."""
+    """Folder to write the report into."""
     axis: tuple[str, ...] = ()
-    """Only these axes, such as cover, motion, schedule, rate or auto; an unknown one names all."""
+    """Axes to measure, such as cover, motion, schedule, rate or auto. Default: all axes."""
     seconds: float = 20.0
-    """Of the scene."""
+    """Duration of the scene in seconds."""
     seed: int = 0
-    """Of all motions."""
+    """Seed of all random motions."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
         """Measure and write the report."""
@@ -640,20 +645,20 @@ class Tradeoff:
 
 @command
 class Extremes:
-    """Test armguard with extreme numbers: sound, how tight, or refused.
+    """Test armguard with extreme numbers: whether answers are sound, tight, or refused.
 
     Example: armguard extremes --out extremes.md
     """
 
     out: Path | None = None
-    """The page to write; without it, it is printed."""
+    """Markdown page to write. Default: print the results."""
     seed: int = 0
-    """Of all cases."""
+    """Seed of all random cases."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Measure all cases; the exit code is 1 if one is unsound."""
+        """Measure all cases; the exit code is 1 if an answer is unsound."""
         from armguard.lab.extremes.command import run
 
         return run(self)
@@ -661,20 +666,20 @@ class Extremes:
 
 @command
 class Paper:
-    """Measure what the paper claims of its schedules, from 3 to 100,000 pairs.
+    """Measure the paper's claims about its schedules, with 3 to 100,000 pairs.
 
     Example: armguard paper --out paper
     """
 
     out: Path = Path("paper")
-    """The folder to write the report into."""
+    """Folder to write the report into."""
     seed: int = 0
-    """Of all motions."""
+    """Seed of all random motions."""
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
-        """Measure and write the report; the exit code is 1 if a pair came near unwatched."""
+        """Measure and write the report; the exit code is 1 if a pair came near unnoticed."""
         from armguard.lab.paper.command import run
 
         return run(self)
@@ -682,16 +687,16 @@ class Paper:
 
 @command
 class Kernels:
-    """Compile all kernels now, while an image or a wheel is built.
+    """Compile all kernels in advance, for a container image or a wheel.
 
     Example: armguard kernels
     """
 
     carry: Flag = False
-    """Into the package's own folder, for all processors with AVX2, from where wheels take it."""
+    """Write the kernels into the package's folder, for all processors with AVX2, for a wheel."""
 
     def run(self) -> int:
-        """Compile."""
+        """Compile the kernels."""
         from armguard.app import kernels
 
         return kernels.run(carry=self.carry)
@@ -705,7 +710,7 @@ class Robots:
     """
 
     json: Flag = False
-    """Print one JSON object; what is for people goes to standard error."""
+    """Print one JSON object; messages for people go to standard error."""
 
     def run(self) -> int:
         """Print the list."""
@@ -727,17 +732,17 @@ GROUPS: dict[str, dict[str, type[Command]]] = {
     },
     "study": {"tradeoff": Tradeoff, "faults": Faults, "extremes": Extremes, "paper": Paper},
 }
-"""All commands, by what they are for."""
+"""All commands, by purpose."""
 
 COMMANDS = {name: kind for group in GROUPS.values() for name, kind in group.items()}
 
 
 def describe_commands() -> str:
-    """What `armguard --help` prints."""
+    """The text that `armguard --help` prints."""
     lines = [
         "usage: armguard COMMAND …",
         "",
-        "Real-time safety monitor for robot arms; no certified safety device.",
+        "Real-time safety monitor for robot arms. It is not a certified safety device.",
     ]
     for title, group in GROUPS.items():
         lines += ["", f"{title}:"]
@@ -745,14 +750,14 @@ def describe_commands() -> str:
             lines.append(f"  {name:11} {(kind.__doc__ or '').splitlines()[0]}")
     lines += [
         "",
-        "`armguard COMMAND --help` shows the options of a command, with an example.",
-        "`armguard --version` shows what is installed. Example: armguard demo --duration 20",
+        "`armguard COMMAND --help` shows the options of a command and an example.",
+        "`armguard --version` shows the installed versions. Example: armguard demo --duration 20",
     ]
     return "\n".join(lines) + "\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `armguard` with `arguments` (default: the process's own); the exit code."""
+    """Run `armguard` with `arguments` (default: those of the process); returns the exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given == ["--version"]:
         sys.stdout.write(describe_version() + "\n")
@@ -773,12 +778,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0 if command is None else COMPLAINT  # of help, all that was wanted was read
     except KeyboardInterrupt:
-        complain("interrupted before there was anything to show")
+        complain("interrupted before there was a result")
         return INTERRUPTED
 
 
 def _output_of(command: Command) -> contextlib.AbstractContextManager[None]:
-    """Where a command prints: with `--json`, standard output has its report and nothing else."""
+    """Redirect the output of a command: with `--json`, standard output has only the report."""
     if not getattr(command, "json", False):
         return contextlib.nullcontext()
     from armguard.app.terminal import keep_for_report
@@ -787,7 +792,7 @@ def _output_of(command: Command) -> contextlib.AbstractContextManager[None]:
 
 
 def describe_version() -> str:
-    """What is installed, in one line: versions that verdicts depend on."""
+    """The installed versions that verdicts depend on, in one line."""
     armguard, pin, numba = map(importlib.metadata.version, ("armguard", "pin", "numba"))
     return f"armguard {armguard} (pin {pin}, numba {numba}, Python {platform.python_version()})"
 
@@ -818,7 +823,7 @@ def _parse(given: list[str]) -> Command:
 
 
 def _suggest_options(given: Sequence[str]) -> str:
-    """The options nearest to those that a command does not have, as the end of a message."""
+    """A suggestion for each unknown option, as the end of a message; empty if none is near."""
     names = []
     for name, hint in get_type_hints(COMMANDS[given[0]], include_extras=True).items():
         extras = getattr(hint, "__metadata__", ())
@@ -832,7 +837,7 @@ def _suggest_options(given: Sequence[str]) -> str:
 
 
 def _one_line(box: str) -> str:
-    """The message inside the box that Tyro draws, with rules of either "─" or "-"."""
+    """The message inside the box that Tyro draws; its lines consist of "─" or "-"."""
     words: list[str] = []
     inside = False
     for line in box.splitlines():

@@ -1,4 +1,4 @@
-"""`armguard drive`: joins the robot of a cell file to a running monitor."""
+"""`armguard drive`: connects the robot of a cell file to a running monitor."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 
 def drive(wishes: cli.Drive) -> int:
-    """Drive the robot of a cell until the end, and print what was done; the exit code.
+    """Drive the robot of a cell until the end, and print a summary; returns the exit code.
 
     Args:
         wishes: What the command line says.
 
     Raises:
-        ArmguardError: The cell has no such robot, the client library is missing, or something
-            cannot be used.
+        ArmguardError: The cell has no such robot, the client library is missing, or a value in the
+            cell file cannot be used.
     """
     for option, value in (("--duration", wishes.duration), ("--stops", wishes.stops)):
         if not value > 0:
@@ -58,7 +58,7 @@ def drive(wishes: cli.Drive) -> int:
 
 
 def make_options(wishes: cli.Drive) -> DriveOptions:
-    """What the driver's process has to know, from a cell file and the command line.
+    """Options of the driver's process, from a cell file and the command line.
 
     Raises:
         ArmguardError: The cell cannot be read, has no driver, or does not fit its robot.
@@ -95,7 +95,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
 
 
 def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
-    """What the driver of Universal Robots alone has to know."""
+    """Options of the driver for Universal Robots."""
     fastest = 500.0
     if not table.rate <= fastest:
         raise make_error(
@@ -112,7 +112,7 @@ def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
 
 
 def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, Any]:
-    """What the driver of Franka Robotics alone has to know."""
+    """Options of the driver for Franka Robotics."""
     names = _name_joints(table, robot.joints, cell.file)
     order = [robot.joints.index(name) for name in names]
     settings = cell.monitor_settings(robot)
@@ -139,7 +139,7 @@ def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, 
 def _check_waypoints(
     table: FrankaTable, robot: Robot, order: list[int], cell: Cell
 ) -> tuple[tuple[float, ...], ...]:
-    """The waypoints of a robot that no shield moves."""
+    """Check the waypoints, which a robot must have exactly if no shield moves it."""
     waypoints = tuple(map(tuple, table.waypoints))
     key, is_shielded = "robot.driver.waypoints", cell.tables.shield is not None
     if waypoints and is_shielded:
@@ -160,7 +160,7 @@ def _check_waypoints(
 
 
 def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive) -> dict[str, Any]:
-    """What the driver of a ROS 2 graph alone has to know."""
+    """Options of the driver for a ROS 2 graph."""
     follows = cell.tables.shield is not None
     if follows and table.trajectory is None:
         raise make_error(
@@ -209,7 +209,7 @@ def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive
 
 
 def _read_domain(table: Ros2Table) -> int:
-    """The domain of the file, or that of the environment, as ROS 2 takes it."""
+    """The domain of the cell file, else that of `ROS_DOMAIN_ID`, else 0."""
     if table.domain is not None:
         return table.domain
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
@@ -221,7 +221,7 @@ def _read_domain(table: Ros2Table) -> int:
 def _name_joints(
     table: UrTable | FrankaTable, watched: tuple[str, ...], file: str
 ) -> tuple[str, ...]:
-    """Names of the robot's joints in the controller's order; the monitor watches all of them."""
+    """Names of the robot's joints in the controller's order; they must be the watched joints."""
     from armguard.drivers import franka, ur
 
     known = franka.JOINTS if isinstance(table, FrankaTable) else (ur.JOINTS,)
@@ -239,7 +239,7 @@ def _name_joints(
 
 
 def _summarise(report: Report) -> str:
-    """What was done, in a line."""
+    """The summary of a drive, in one line."""
     counts = report.counts
     connections = "connection" if report.connections == 1 else "connections"
     return (

@@ -1,4 +1,4 @@
-"""`armguard kernels`: compile everything ahead, for an image of a container or for a wheel."""
+"""`armguard kernels`: compiles all kernels in advance, for a container image or a wheel."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ MONITORS: tuple[dict[str, Any], ...] = (
     {"operating": "published"},
     {"certify": True, "separation": SeparationRule()},
 )
-"""Settings of monitors that between them need all kernels of the loop."""
+"""Settings of monitors that together need all kernels of the loop."""
 
 
 def run(*, carry: bool) -> int:
-    """Compile all kernels, and tell where they are.
+    """Compile all kernels, and print where they are.
 
     Args:
-        carry: Whether for wheels, and so for `PROCESSOR`, into `CARRIED`.
+        carry: Whether to compile for a wheel: for `PROCESSOR`, into the folder `CARRIED`.
 
     Raises:
-        ArmguardError: The package's folder cannot be written, or kernels are not compiled by the
-            fast path, which alone can use what a wheel carries.
+        ArmguardError: The package's folder cannot be written, or the fast path of compilation is
+            not in use. Only the fast path can use the kernels of a wheel.
     """
     if not carry:
         compile_all()
@@ -86,7 +86,7 @@ def _tell(line: str) -> None:
 
 
 def compile_all() -> None:
-    """Have everything compiled that a monitor or a reader of its answers calls."""
+    """Compile all kernels that a monitor or a reader of its answers calls."""
     robot = Robot.load("panda")
     for settings in MONITORS:
         watch_a_moment(robot, **settings)
@@ -95,10 +95,10 @@ def compile_all() -> None:
 
 
 def watch_a_moment(robot: Robot, **settings: Any) -> Monitor:
-    """A monitor with these settings that has seen a ball and a box, and was asked for all answers.
+    """Run a monitor with these settings for a moment, with a ball and a box, and query all answers.
 
     Args:
-        robot: Whose.
+        robot: The robot to watch.
         settings: Of the monitor.
     """
     obstacles = Obstacles(sources=["camera"])
@@ -118,7 +118,7 @@ def watch_a_moment(robot: Robot, **settings: Any) -> Monitor:
 
 
 def call_bounds(robot: Robot) -> None:
-    """Ask each motion bound that users may ask."""
+    """Call each motion bound of the public API."""
     q, v, link = middle(robot), np.zeros(len(robot.joints)), robot.links[-1]
     motions: tuple[Any, ...] = (
         bounds.ReachMotion(robot),
@@ -131,7 +131,7 @@ def call_bounds(robot: Robot) -> None:
 
 
 def call_contact() -> None:
-    """Ask for contact times of one pair and of many."""
+    """Compute contact times of one pair and of many pairs."""
     for shape in ((), (2,)):
         place, still = np.broadcast_to([1.0, 0.0, 0.0], (*shape, 3)), np.zeros((*shape, 3))
         contact.earliest_contact(place, still, 0.1, 1.0, 1.0)

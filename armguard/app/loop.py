@@ -1,9 +1,9 @@
-"""The rate loop: drain inputs, step the monitor, publish the verdict, sleep to the deadline.
+"""The rate loop: reads inputs, steps the monitor, publishes the verdict, sleeps until the deadline.
 
-One thread, no locks. Deadlines are absolute, on a grid that never drifts; a tick that overruns
-skips the deadlines it has missed, and they are counted. Garbage is collected in the idle time.
-Whatever draws or records is another process: five milliseconds of Python in a thread make one tick
-in thirty late.
+The loop has one thread and no locks. Deadlines are absolute, on a grid that never drifts. A tick
+that overruns skips the deadlines that it missed, and the loop counts them. Garbage is collected in
+the idle time. Drawing and recording run in other processes: 5 ms of Python in another thread make
+one tick in thirty late.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ REST = 0.01
 no other process may have run meanwhile. Linux keeps the same part of the time for others."""
 
 DRAIN_SHARE = 0.5
-"""Part of a period that taking messages may last at most; what is left waits for the next tick."""
+"""Greatest part of a period in which messages are read; further ones wait for the next tick."""
 
 
 class Spread(NamedTuple):
-    """How long something took over all ticks, in [s]; nan without any tick."""
+    """Percentiles of a duration over all ticks, in [s]; nan without any tick."""
 
     p50: float
     """Half of all ticks took no longer."""
@@ -63,7 +63,7 @@ class Spread(NamedTuple):
 
 
 class LoopReport(NamedTuple):
-    """What a run was like."""
+    """Statistics of a run."""
 
     ticks: int
     late: int
@@ -71,11 +71,11 @@ class LoopReport(NamedTuple):
     missed: int
     """Deadlines that passed without a tick of their own."""
     tick: Spread
-    """Whole ticks, from the first message that is taken until the verdict was observed."""
+    """Whole ticks, from reading the first message to the end of the observers' calls."""
     drain: Spread
     """Taking messages."""
     step: Spread
-    """Judging the joint state, with the resets and exemptions that were asked for."""
+    """Judging the joint state, including requested resets and exemptions."""
     publish: Spread
     """Sending the verdict."""
     received: int
@@ -83,17 +83,18 @@ class LoopReport(NamedTuple):
     faults: dict[str, int]
     """Faults of messages, by kind and source."""
     monitor_faults: int
-    """Refused rows and calls, and joint states not believed."""
+    """Refused rows and calls, and joint states that were not believed."""
     realtime: Realtime | None = None
-    """What the system granted; None: it was not asked."""
+    """Real-time properties that the system granted; None: none were requested."""
     cut_short: int = 0
-    """How often an input had more messages than one tick takes; the rest waited for the next."""
+    """How often an input had more messages than one tick reads; the rest waited for the next
+    tick."""
     lost: int | None = None
-    """Events that the recording lacks; None: nothing was recorded."""
+    """Events that are missing in the recording; None: nothing was recorded."""
 
 
 class Resets(NamedTuple):
-    """How many of the resets that came were obeyed, and how many were refused."""
+    """Numbers of resets that were obeyed and refused."""
 
     obeyed: int = 0
     refused: int = 0
@@ -103,32 +104,32 @@ NO_RESETS = Resets()
 
 
 class Observer:
-    """Sees what a loop does; nothing in it may block."""
+    """Observes a loop; its methods must not block."""
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
         """Called with each verdict after it was published."""
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Called where there is time before the next tick, in [s], for what can wait until then."""
+        """Do work that is not urgent; called with the idle time before the next tick, in [s]."""
 
 
 class RateLoop:
     """Steps a monitor at its rate from an edge and its inputs.
 
     Args:
-        stepper: Steps the monitor, and answers what is asked of it.
-        edge: What the inputs' messages go through.
-        inputs: Where messages come from; the loop ends when one that can end has ended.
-        clock: Tells time and sleeps; the same as the edge's.
-        publish: Takes each verdict; must never block.
-        answer: Takes the number of each reset that came, and the answer to it; must never block.
-        observers: Told of each verdict and of time to rest, one after the other.
+        stepper: Steps the monitor, and answers requests.
+        edge: Decodes and checks the messages of the inputs.
+        inputs: Sources of messages. The loop ends when an input ends, such as standard input.
+        clock: Clock to read and to sleep by; must be that of the edge.
+        publish: Called with each verdict; must never block.
+        answer: Called with the number of each reset and the answer to it; must never block.
+        observers: Called with each verdict and in idle time, in this order.
 
     Attributes:
         stepper: As above.
-        monitor: What is stepped.
-        clock: Tells time.
-        durations: How long ticks took so far.
+        monitor: The monitor that is stepped.
+        clock: The clock, as above.
+        durations: Durations of all ticks so far.
         late: Ticks so far that were not done before the next deadline.
         missed: Deadlines so far that passed without a tick of their own.
     """
@@ -158,11 +159,11 @@ class RateLoop:
         self.missed = 0
         self._obeyed_resets = 0
         self._exemptions: dict[int, int] = {}
-        """Numbers that the monitor knows exemptions by, by those of their senders."""
+        """The monitor's numbers of exemptions, by the senders' numbers."""
 
     @property
     def resets(self) -> Resets:
-        """What became of resets so far."""
+        """Numbers of resets so far that were obeyed and refused."""
         return Resets(self._obeyed_resets, self._edge.faults.count("reset refused"))
 
     def run(self, duration: float = math.inf) -> LoopReport:
@@ -210,7 +211,7 @@ class RateLoop:
             pass
 
     def tick(self) -> Verdict:
-        """Drain, step, publish."""
+        """Read all inputs, step the monitor, publish the verdict."""
         edge, read_clock = self._edge, self.clock.now
         begin = read_clock()
         # The end of the drain is the tick's time: a state that was fresh then is not stale in it.
@@ -236,7 +237,7 @@ class RateLoop:
         return verdict
 
     def _take_exemption(self, request: ExemptionRequest) -> None:
-        """Begin or end an exemption that was asked for; what is refused is counted, and told."""
+        """Begin or end a requested exemption; refused requests are counted and reported."""
         monitor, number = self.monitor, request.number
         lasting = {one.number for one in monitor.exemptions}
         self._exemptions = {
@@ -258,7 +259,7 @@ class RateLoop:
             self._edge.faults.add("ignore refused", "exemptions", number, str(error))
 
     def report(self) -> LoopReport:
-        """What the run was like so far."""
+        """Statistics of the run so far."""
         return LoopReport(
             ticks=self._ticks,
             late=self.late,
@@ -278,22 +279,22 @@ class RateLoop:
 
 
 PROVING_TIME = 0.5e-3
-"""What a proof, which is made now and then, and what was left are done within, in [s]."""
+"""Time within which a periodic proof and postponed writes are done, in [s]."""
 
 RECORDING_CHECK_INTERVAL = 1.0
-"""Between two looks whether a recording is still being written, in [s]."""
+"""Interval between two checks that the recording is still being written, in [s]."""
 
 
 class RunRecording(Observer):
-    """What a run adds to the recording of its monitor.
+    """Adds the events of a run to the recording of its monitor.
 
-    Verdicts while there is no joint state to judge, and lines about messages that could not be
-    used. Of the recording it says, once, that it has a gap, and when it is not written any more.
+    These events are verdicts without a joint state to judge, and lines about unusable messages. It
+    also reports once when the recording has a gap, and when it is no longer written.
 
     Args:
-        recorder: Is closed with this.
-        faults: What tells of faulty messages.
-        tell: Takes a line for people; None: it is logged.
+        recorder: Writes the recording; closed together with this object.
+        faults: The log of unusable messages.
+        tell: Called with a line to print; None: the line is logged.
     """
 
     def __init__(
@@ -310,18 +311,18 @@ class RunRecording(Observer):
         faults.also_emit(recorder.note)
 
     def observe(self, loop: RateLoop, verdict: Verdict) -> None:
-        """Take a verdict that was published."""
+        """Record a verdict that was published."""
         if verdict.sequence == 0:
             self.recorder.note_verdict(verdict)
         if self.recorder.lost and not self._is_gap_told:
             self._is_gap_told = True
-            self._tell("the recording has a gap: what writes it does not keep up")
+            self._tell("the recording has a gap: its writer is too slow")
         # A loop that never rests looks all the same.
         if loop.clock.now() >= self._next_check + RECORDING_CHECK_INTERVAL:
             self._check_writer(loop)
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Write what was left for when there is time, and prove the verdict if there is enough."""
+        """Write postponed events, and record a proof of the verdict if there is time."""
         self.recorder.write_pending()
         if idle > PROVING_TIME:
             self.recorder.prove_pending()
@@ -329,7 +330,7 @@ class RunRecording(Observer):
             self._check_writer(loop)
 
     def _check_writer(self, loop: RateLoop) -> None:
-        """Tell, once, of what keeps the recording from being written, and when that is over."""
+        """Report once why the recording cannot be written, and once when it is written again."""
         self._next_check = loop.clock.now() + RECORDING_CHECK_INTERVAL
         trouble = self.recorder.find_trouble()
         if bool(trouble) != bool(self._trouble):
@@ -339,7 +340,7 @@ class RunRecording(Observer):
         self._trouble = trouble
 
     def close(self) -> None:
-        """End the recording; what went wrong with it is told on standard error."""
+        """End the recording; errors are printed on standard error."""
         problem = self.recorder.close()
         if problem:
             complain(problem)
@@ -347,27 +348,27 @@ class RunRecording(Observer):
 
 @dataclasses.dataclass(frozen=True)
 class RunOptions:
-    """Options of a run that do not stand in its cell file."""
+    """Options of a run that are not in its cell file."""
 
     obstacles_address: str = OBSTACLES_ADDRESS
-    """Bound for publishers of obstacles; "-" reads JSON lines from standard input, with the joint
-    states among them unless they have an address."""
+    """Address to bind for publishers of obstacles; "-" reads JSON lines from standard input, which
+    include the joint states unless `joints` is given."""
     joints_address: str | None = None
-    """Bound for publishers of joint states; may be the same as that of obstacles. None:
+    """Address to bind for publishers of joint states; can be that of obstacles. None:
     `JOINTS_ADDRESS`, or standard input."""
     verdicts_address: str = VERDICTS_ADDRESS
-    """Bound for readers of verdicts."""
+    """Address to bind for readers of verdicts."""
     record: Path | None = None
-    """Where to write a recording: a new file, or a folder for one; None: nowhere."""
+    """Path of the recording: a new file, or a folder; None: nothing is recorded."""
     recorder_options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """Further keywords of `Recorder`."""
     duration: float = math.inf
     """How long to run, in [s]."""
     reset_token: str | None = None
-    """What a reset message must carry; without one, none is obeyed."""
+    """Token that a reset message must carry; None: every reset is refused."""
     realtime: bool = False
-    """Whether to ask the system for real-time scheduling and locked memory; what it refuses is told
-    on standard error."""
+    """Whether to request real-time scheduling and locked memory; a refusal is printed on standard
+    error."""
     json_verdicts: bool = False
     """Whether verdicts, commands and answers are sent as JSON, not as msgpack."""
     moves: bool = False
@@ -386,19 +387,20 @@ def run(
     listening: Callable[[Mapping[str, str]], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> LoopReport:
-    """Supervise a cell from streams until interrupted, or the end of standard input.
+    """Supervise a cell from streams until an interrupt or the end of standard input.
 
     Args:
         cell: Robot, obstacles and monitor.
-        options: Addresses, and what else is asked of the run.
-        authenticator: Lets in clients, and stays open; None: one is made where the cell has keys.
-        observer: Sees what the loop does.
-        prepared: Called with the monitor and the digest of its configuration when everything is
-            compiled, before the first tick.
-        listening: Called with the addresses that were bound ("obstacles", "joints", "verdicts"),
-            before the first tick.
-        tell: Takes a line about a faulty message; must not block. Default: the log
-            `armguard.streams`, which may.
+        options: Addresses and further options of the run.
+        authenticator: Authenticates clients; is not closed here. None: made here if the cell has
+            keys.
+        observer: Called with each verdict and in idle time.
+        prepared: Called with the monitor and the digest of its configuration, after all kernels are
+            compiled and before the first tick.
+        listening: Called before the first tick with the bound addresses, by "obstacles", "joints"
+            and "verdicts".
+        tell: Called with a line about an unusable message; must not block. Default: the logger
+            `armguard.streams`, which can block.
 
     Raises:
         StreamError: If an address cannot be used.
@@ -503,10 +505,10 @@ def run(
 
 
 def _digest_configuration(monitor: Monitor, cell: Cell, expected: str | None) -> str:
-    """The digest of what a monitor was made with.
+    """The digest of a monitor's configuration.
 
     Raises:
-        ArmguardError: Another one is expected.
+        ArmguardError: The digest is not the expected one.
     """
     # Loaded here, since a monitor by itself needs none.
     from armguard.monitor.configuration import digest_configuration
@@ -516,7 +518,7 @@ def _digest_configuration(monitor: Monitor, cell: Cell, expected: str | None) ->
         raise ArmguardError(
             "--expect",
             f"is {expected}, and the digest of this configuration is {digest}",
-            remedy="find out what was changed since the other one was approved",
+            remedy="find out what was changed since that configuration was approved",
         )
     return digest
 
@@ -535,17 +537,17 @@ def _make_stepper(
 def _ending_with_a_stop(
     publisher: VerdictPublisher, clock: Clock, note: Callable[[str], None] | None
 ) -> Iterator[None]:
-    """However what is inside ends, the last verdict that readers get is a STOP, with the cause.
+    """Publish a STOP with the cause as the last verdict, however the body of the context ends.
 
-    It saves them the time until their last verdict expires, and tells them why; where it is lost,
-    they stop when that time is over.
+    Readers then stop at once and know why. If this verdict is lost, they stop when their last
+    verdict expires.
 
     Args:
-        publisher: Sends it.
+        publisher: Publishes the STOP.
         clock: The monitor's.
-        note: Takes the cause as a line for the recording; None: there is none.
+        note: Called with the cause as a line for the recording; None: there is no recording.
     """
-    detail = "its time was over, or it was told to end"
+    detail = "its duration was over, or it was asked to end"
     try:
         yield
     except BaseException as error:
@@ -560,13 +562,13 @@ def _ending_with_a_stop(
 
 
 def _read_bound(cell: Cell, name: str) -> float:
-    """What obstacles that bring no bound can do, as their table takes it, [m/s] or [m/s²]."""
+    """A default bound of obstacles, in [m/s] or [m/s²], as the table of obstacles expects it."""
     default = inspect.signature(Obstacles).parameters[name].default
     return float(given(cell.tables.bounds).get(name, default))
 
 
 def _open_input(address: str, authenticator: Authenticator | None) -> tuple[Input, str]:
-    """An input, and the address that it is bound to: that which the system chose, if it did."""
+    """Open an input; returns it and its address, with the port that the system chose."""
     if address != "-":
         source = SocketInput(address, authenticator)
         return source, source.address
@@ -574,7 +576,7 @@ def _open_input(address: str, authenticator: Authenticator | None) -> tuple[Inpu
 
 
 def _inputs(options: RunOptions) -> tuple[str, str]:
-    """Where obstacles and joint states come from."""
+    """Open the inputs of obstacles and joint states."""
     obstacles_address, joints_address = options.obstacles_address, options.joints_address
     if joints_address is None:
         joints_address = "-" if obstacles_address == "-" else JOINTS_ADDRESS
@@ -587,7 +589,7 @@ _OCTAVES = 27  # up to 13 s; what is longer is counted there, its maximum is exa
 
 
 class Durations:
-    """Durations in [s], kept to about one percent; the longest exactly."""
+    """Histogram of durations in [s], precise to about 1 %; the longest is kept exactly."""
 
     def __init__(self) -> None:
         self._counts = [0] * (_PER_OCTAVE * _OCTAVES)

@@ -1,6 +1,6 @@
-"""The premises that every verdict rests on; a run prints each in a line.
+"""The premises that every verdict rests on; `--premises` prints them, one a line.
 
-A CLEAR is a proof, and a proof has premises. armguard checks those that it can. The builder of the
+A CLEAR is a proof, and a proof has premises. armguard checks some of them. The integrator of the
 cell must ensure the others. docs/safety.md explains each.
 """
 
@@ -18,16 +18,16 @@ from armguard.robot.operating_limits import PUBLISHED
 
 
 class Premise(enum.Enum):
-    """Something that has to be true for verdicts to hold; the value says it in one line."""
+    """A condition that must be true for verdicts to hold; the value states it in one line."""
 
     LIMITS = "the arm's limits hold in every mode, emergency brakes included"
-    PAYLOAD = "the arm carries no more than the payload that is stated"
-    OPERATING = "the controller keeps to its operating limits, where any are stated"
+    PAYLOAD = "the arm carries no more than the configured payload"
+    OPERATING = "the controller enforces its operating limits, if any are configured"
     OTHER_ARMS = (
-        "the other arms of the cell keep to their operating limits, and to the plans they share"
+        "the other arms of the cell keep their operating limits and follow the plans they share"
     )
     DRAWN_LINKS = "links of other arms that are only drawn are not there, unless named in [statics]"
-    OBEDIENCE = "the controller brakes on STOP, and where no verdict is valid any more"
+    OBEDIENCE = "the controller brakes on STOP, and when its last verdict has expired"
     OBSTACLES = (
         "obstacles keep to their bounds, and lie within the shapes and errors that are stated"
     )
@@ -46,11 +46,11 @@ class Premise(enum.Enum):
 def list_premises(
     monitor: Monitor | None = None, others: Mapping[str, Sequence[str]] | None = None
 ) -> list[str]:
-    """All premises, a line each.
+    """All premises, one a line.
 
     Args:
-        monitor: Whose figures stand beside them; None: none do.
-        others: By the name of each other arm of the cell, its links that are only drawn.
+        monitor: Its configured figures are added to the lines; None: no figures.
+        others: For each other arm of the cell, by name: its links that have only visual geometry.
     """
     figures = {} if monitor is None else _find_figures(monitor)
     if others:
@@ -63,7 +63,7 @@ def list_premises(
 
 
 def summarise_premises() -> str:
-    """One line that says how many premises there are, and where they stand."""
+    """One line with the number of premises and where they are explained."""
     return (
         f"every verdict rests on {len(Premise)} premises: --premises prints them, docs/safety.md "
         "explains them"
@@ -71,7 +71,7 @@ def summarise_premises() -> str:
 
 
 def _find_figures(monitor: Monitor) -> dict[Premise, str]:
-    """What a monitor was told about premises, in words."""
+    """The configured figures that belong to premises, in words."""
     settings, obstacles = monitor.settings, monitor.obstacles
     table = obstacles.settings
     names = [obstacles.ids[row] for row in obstacles.entrance_rows.tolist()]
@@ -89,7 +89,7 @@ def _find_figures(monitor: Monitor) -> dict[Premise, str]:
 
 
 def _describe_tethers(monitor: Monitor) -> str:
-    """Which obstacles are tethered, by which length, and where that comes from."""
+    """The tethered obstacles, the length of each tether, and its source, in words."""
     told = [
         f"{one.a} and {one.b}: {one.length:g} m ({one.source})" for one in monitor.obstacles.tethers
     ]
@@ -97,7 +97,7 @@ def _describe_tethers(monitor: Monitor) -> str:
 
 
 def _describe_limits(monitor: Monitor) -> str:
-    """Which contact limits are in force, and whether there is anything to be clamped against."""
+    """The contact limits in force, and whether statics to be clamped against are configured."""
     limits = monitor.settings.contact_limits
     if limits is None:
         return "none are stated"
@@ -113,10 +113,10 @@ def _describe_limits(monitor: Monitor) -> str:
 
 
 def describe_missing_limits(monitor: Monitor) -> str | None:
-    """What it costs to state no operating limits; None where some are stated, or none published.
+    """What missing operating limits cost; None if some are configured or none are published.
 
     Args:
-        monitor: Of the run.
+        monitor: The monitor of the run.
     """
     robot, settings = monitor.robot, monitor.settings
     if settings.has_operating or robot.published_operating_limits is None:

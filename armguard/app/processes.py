@@ -1,6 +1,6 @@
-"""How a process of armguard ends: as Ctrl-C ends it, and with the process that started it.
+"""Ends processes of armguard: on signals, and with the process that started them.
 
-Nothing here needs a thread: a timer's signal looks after the parent, even while kernels compile.
+No thread is needed: a timer's signal checks the parent, even while kernels compile.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ PARENT_CHECK_INTERVAL = 0.25
 """Between two checks that the parent is still there, in [s]."""
 
 COMPLAINT = 1
-"""Exit code of a process that did what it was asked, until something else failed it."""
+"""Exit code of a process that failed while it worked, or that found a problem."""
 
 INTERRUPTED = 130
-"""Exit code of a process that was ended before it had anything to show: 128 + SIGINT."""
+"""Exit code of a process that was interrupted before it had a result: 128 + SIGINT."""
 
 
 @contextlib.contextmanager
 def termination_as_interrupt() -> Iterator[None]:
-    """Inside, SIGTERM raises KeyboardInterrupt: one way of ending is enough to get right."""
+    """Context in which SIGTERM raises KeyboardInterrupt, so that there is one way to end."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -36,14 +36,14 @@ def termination_as_interrupt() -> Iterator[None]:
 
 @contextlib.contextmanager
 def noted_interrupts() -> Iterator[Callable[[], bool]]:
-    """Inside, the first signal that would raise KeyboardInterrupt is noted; the next one raises it.
+    """Context in which the first interrupt is noted; the next one raises KeyboardInterrupt.
 
-    What is raised may be lost: Python ignores it in a destructor, and so does compiled code (that
-    of ZeroMQ's frames, for one). A loop that asks at every turn loses nothing, and ends between two
-    turns. Only the main thread may do this; in another one nothing is ever noted.
+    An exception can be lost: Python ignores it in a destructor, and in some compiled code, such as
+    ZeroMQ's frames. A loop that checks the note in every turn loses no interrupt, and ends between
+    two turns. Only the main thread can note interrupts; in another thread nothing is noted.
 
     Yields:
-        Whether there was such a signal.
+        A function: whether there was such a signal.
     """
     noted: list[int] = []
     replaced: list[int] = []
@@ -68,7 +68,7 @@ def noted_interrupts() -> Iterator[Callable[[], bool]]:
 
 
 def end_with(parent: int) -> None:
-    """From now on, send this process SIGTERM when process `parent` is no longer its parent."""
+    """Send this process SIGTERM as soon as process `parent` is no longer its parent."""
 
     def check_parent(number: int, frame: FrameType | None) -> None:
         if os.getppid() != parent:
@@ -82,7 +82,7 @@ def end_with(parent: int) -> None:
 
 
 def describe_end(code: int) -> str:
-    """How a process has ended, for people: its exit code as `subprocess` tells it, in words."""
+    """How a process ended, in words, from an exit code of `subprocess`."""
     if code >= 0:
         return f"with exit code {code}"
     try:

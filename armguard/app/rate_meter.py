@@ -1,27 +1,27 @@
-"""How many messages come in a second, from readings of a count."""
+"""Measures the rate of messages from readings of their count."""
 
 from __future__ import annotations
 
 from collections import deque
 
 WINDOW = 1.5
-"""Over which messages are counted, in [s]."""
+"""Time over which messages are counted, in [s]."""
 
 STEP = 0.25
-"""Between two readings of a count that are kept, in [s]."""
+"""Least time between two stored readings of a count, in [s]."""
 
 
 class RateMeter:
-    """Messages a second, from readings of a count."""
+    """Measures messages per second from readings of a count."""
 
     def __init__(self) -> None:
         self._readings: deque[tuple[float, int]] = deque()
 
     def read(self, now: float, count: int) -> float | None:
-        """Take a reading; the rate in [Hz], or None while there is too little to tell.
+        """Add a reading; returns the rate in [Hz], or None while there are too few readings.
 
         Args:
-            now: In [s], never less than before.
+            now: Time in [s]; never less than in the call before.
             count: Messages so far.
         """
         readings = self._readings

@@ -1,4 +1,4 @@
-"""Where an obstacle can be when the arm has come to rest: a ball around each of its points."""
+"""The region that an obstacle can reach until the arm is at rest: a ball around each point."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from armguard.obstacles.table import States
 
 
 def find_reachable(states: States, row: int, now: float, horizon: float) -> NDArray[np.float64]:
-    """Balls that contain an obstacle's points, its radius included, until a time.
+    """Balls that contain all points of an obstacle, including its radius, until a time.
 
-    A body that starts at v and accelerates by at most a is within a s² / 2 of where it would be
-    unaccelerated; one that is no faster than w is within w s of where it was. Both hold at every
-    time, so the ball at the end that is the smaller one serves; for the whole time until then it
-    is widened to contain where the body was measured.
+    After a time s, a body with initial velocity v and acceleration at most a is within a s² / 2 of
+    its position at constant velocity v. A body with speed at most w is within w s of its initial
+    position. Both balls contain the body at the end, so the smaller one is used. It is enlarged to
+    contain the measured position, so that it holds for the whole time until the end.
 
     Args:
         states: Measured states.
-        row: Of the obstacle.
-        now: In [s] on the clock of the stamps.
+        row: Row of the obstacle.
+        now: Time in [s] on the clock of the stamps.
         horizon: How far ahead to look, in [s].
 
     Returns:
-        Centres and radii in the world, in [m]; of what may be anywhere, none. Shape (n, 4).
+        Centres and radii in the world, in [m]; no balls for an obstacle that can be anywhere. Shape
+        (n, 4).
     """
     s = max(now - float(states.stamp[row]), 0.0) + horizon
     points = states.points[row, : int(states.point_count[row])]

@@ -1,7 +1,7 @@
-"""What a loop needs to be on time: scheduling, memory in RAM, garbage collected between ticks.
+"""Real-time properties of a loop: scheduling, locked memory, garbage collection between ticks.
 
-Real-time scheduling and locked memory are asked of Linux; what is refused is told, and the loop
-runs on without. Garbage is collected in the idle time before a deadline, never in the middle of a
+Real-time scheduling and locked memory are requested from Linux. A refusal is reported, and the loop
+runs without. Garbage is collected in the idle time before a deadline, never in the middle of a
 tick.
 """
 
@@ -19,8 +19,8 @@ from typing import NamedTuple
 from armguard.clock import Clock
 
 PRIORITY = 10
-"""Before all ordinary work, and after whatever else on the machine was given more thought: after
-the kernel's interrupt threads (50), for which a process that keeps them waiting waits."""
+"""Real-time priority: above all ordinary work, and below the kernel's interrupt threads (50), which
+the loop itself needs."""
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _MADV_DONTNEED = 4
@@ -32,18 +32,18 @@ _MAPS = Path("/proc/self/maps")
 
 
 class Realtime(NamedTuple):
-    """What the system granted."""
+    """Real-time properties that the system granted."""
 
     priority: int
-    """Of real-time scheduling; 0: ordinary scheduling."""
+    """Priority of real-time scheduling; 0: ordinary scheduling."""
     memory_locked: bool
     refusals: tuple[str, ...]
-    """A line for each thing that was refused: what, and how to allow it."""
+    """One line for each refusal: what was refused, and how to allow it."""
 
 
 @contextlib.contextmanager
 def request_realtime() -> Iterator[Realtime]:
-    """Inside, the calling thread has what the system grants; afterwards all is as before.
+    """Context in which the calling thread has what the system grants; restores all afterwards.
 
     A thread that was started with real-time scheduling keeps its own policy and priority.
     """
@@ -56,10 +56,10 @@ def request_realtime() -> Iterator[Realtime]:
 
 
 def release_compiler() -> None:
-    """Give back the memory that the compiler's code takes: some 50 MB that no tick uses.
+    """Release the memory of the compiler's code: some 50 MB that no tick uses.
 
-    To be called when all kernels are there, and before memory is locked, which would keep it in RAM
-    for good. Code that is called again is read from its file again.
+    Must be called after all kernels are compiled, and before memory is locked. Code that is called
+    again is loaded from its file again.
     """
     madvise = ctypes.CDLL(None).madvise
     madvise.argtypes = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
@@ -72,7 +72,7 @@ def release_compiler() -> None:
 
 
 def _sharpen_timer(undo: contextlib.ExitStack) -> None:
-    """Let sleeps of ordinary scheduling end when they should, not up to 50 µs later."""
+    """Set the timer slack to the minimum, so that sleeps do not end up to 50 µs late."""
     prctl = ctypes.CDLL(None).prctl
     before = prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
     if before > 0 and prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0) == 0:
@@ -80,7 +80,7 @@ def _sharpen_timer(undo: contextlib.ExitStack) -> None:
 
 
 def _schedule(undo: contextlib.ExitStack) -> tuple[int, str]:
-    """The priority granted, 0 if none; and if none, why."""
+    """Request real-time scheduling; returns the priority (0: refused), and why it was refused."""
     before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     policy = before & ~os.SCHED_RESET_ON_FORK
     if policy in (os.SCHED_FIFO, os.SCHED_RR):
@@ -112,7 +112,7 @@ def _unschedule(policy: int, parameters: os.sched_param) -> None:
 
 
 def _lock_memory(undo: contextlib.ExitStack) -> str:
-    """Keep in RAM what is in use, and what comes into use; if that is not to be had, why."""
+    """Lock present and future memory in RAM; returns why it was refused, else an empty text."""
     libc = ctypes.CDLL(None, use_errno=True)
     # With a limit, memory would be refused to the loop itself as soon as it needs more.
     if not _may_lock_all():
@@ -144,14 +144,14 @@ def _may_lock_all() -> bool:
 
 
 OVERDUE = 5
-"""So many times one of Python's own thresholds: from there on collections may cost a late tick."""
+"""At this multiple of Python's own thresholds a collection is forced, even if a tick is late."""
 
 
 class IdleCollector:
-    """Collects when told that there is time; a context in which Python itself does not.
+    """Collects garbage in idle time; a context in which Python's own collection is switched off.
 
     Args:
-        clock: Tells how long collections take.
+        clock: Measures how long collections take.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -173,9 +173,9 @@ class IdleCollector:
             gc.enable()
 
     def collect(self, idle: float) -> None:
-        """Collect what is due, if that fits into `idle` [s] by what it cost the last time.
+        """Collect the generations that are due, if their last duration fits into `idle` [s].
 
-        Where collection was switched off before, it stays so.
+        If collection was switched off before the context, nothing is collected.
         """
         if not self._was_enabled:
             return

@@ -1,6 +1,6 @@
-"""`armguard replay`: a recording led through a monitor made anew, compared, explained, changed.
+"""`armguard replay`: replays a recording; compares, explains, verifies or exports its verdicts.
 
-Recordings of others, which have no verdicts, are led through the monitor of a cell file.
+Recordings of other software have no verdicts; the monitor of a cell file judges them.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ _AS_THEY_ARE = (
     "stop",
     "proved_until",
 )
-"""Fields of a verdict that the table has as they are."""
+"""Fields of a verdict that the table contains unchanged."""
 
 COLUMNS = ("time", "now", "sequence", "level", *_AS_THEY_ARE, "reasons", "identical")
-"""Of the table that `--csv` writes."""
+"""Columns of the table that `--csv` writes."""
 
 PAIRS_SHOWN = 5
 
@@ -72,21 +72,21 @@ class Stop(NamedTuple):
     begin: float
     end: float
     reason: str
-    """The weightiest of its first verdict."""
+    """The weightiest reason of its first verdict."""
     ticks: int
     kept: int
-    """Of these, how many are a STOP in the replay as well."""
+    """Number of these ticks that are a STOP in the replay as well."""
 
 
 def replay(wishes: cli.Replay) -> int:
-    """Replay a recording, of armguard's own or of others, and print what was found.
+    """Replay a recording of armguard or of other software, and print the results.
 
     Args:
         wishes: What the command line says.
 
     Returns:
-        The exit code: 0, or 1 where verdicts differ or could not all be compared, or where what
-        was recorded is not complete.
+        The exit code: 0, or 1 if verdicts differ, if not all could be compared, or if the recording
+        is incomplete.
 
     Raises:
         ArmguardError: A file or an option is unusable.
@@ -103,10 +103,10 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
 
     Args:
         wishes: What the command line says.
-        is_of_others: Whether the recording is none of armguard's own.
+        is_of_others: Whether other software wrote the recording.
 
     Raises:
-        ArmguardError: There is such an option or file.
+        ArmguardError: An option or file cannot be used.
     """
     if wishes.json and wishes.csv == STANDARD_OUTPUT:
         raise ArmguardError(
@@ -114,7 +114,7 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
         )
     if is_of_others and not (wishes.topics and wishes.cell):
         missing = "--cell" if wishes.topics else "--topics"
-        raise ArmguardError(missing, "is missing: a recording of others needs both")
+        raise ArmguardError(missing, "is missing: a recording of other software needs both")
     if is_of_others and wishes.what_if is not None:
         raise ArmguardError(
             "--what-if", "is for armguard's own recordings", remedy="make one by --record"
@@ -125,7 +125,9 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
     for name in ("radius", "snapshot", "stamps", "record"):
         if not is_of_others and getattr(wishes, name) != getattr(plain, name):
             raise ArmguardError(
-                f"--{name}", "is for recordings of others", expected="--cell and --topics beside it"
+                f"--{name}",
+                "is for recordings of other software",
+                expected="--cell and --topics beside it",
             )
     check_table(wishes.csv, wishes.file)
     if wishes.export is not None:
@@ -133,16 +135,17 @@ def check_options(wishes: cli.Replay, *, is_of_others: bool) -> None:
 
 
 def verify_chain(wishes: cli.Replay) -> int:
-    """Find what was changed in a recording since it was written, and print it.
+    """Find changes of a recording since it was written, and print them.
 
     Args:
         wishes: What the command line says.
 
     Returns:
-        The exit code: 0, or 1 where something was changed, is missing, or has no end.
+        The exit code: 0, or 1 if something was changed or is missing, or if the recording has no
+        end.
 
     Raises:
-        ArmguardError: The file or the key cannot be used, or an option is for replays.
+        ArmguardError: The file or the key cannot be used, or an option does not apply to --verify.
     """
     plain = type(wishes)(wishes.file, verify=True, key=wishes.key, json=wishes.json)
     if wishes != plain:
@@ -160,8 +163,8 @@ def verify_chain(wishes: cli.Replay) -> int:
     is_intact = all(one.is_intact for one in results)
     if is_intact and wishes.key is None:
         console.print(
-            "who wrote it is not known without --key: whoever can write the file can write all of "
-            "it anew"
+            "without --key the author is unknown: anybody who can write the file can replace all "
+            "of it"
         )
     if wishes.json:
         found = [
@@ -172,7 +175,7 @@ def verify_chain(wishes: cli.Replay) -> int:
 
 
 def replay_own(wishes: cli.Replay) -> int:
-    """As `replay`, of a recording that `--record` or a `Recorder` wrote."""
+    """Replay a recording that `--record` or a `Recorder` wrote; returns the exit code."""
     recording = Recording(wishes.file)
     changes = {} if wishes.what_if is None else read_changes(wishes.what_if)
     if shows_page(wishes):
@@ -224,7 +227,7 @@ def replay_bag(wishes: cli.Replay) -> int:
 
 
 def shows_page(wishes: cli.Replay) -> bool:
-    """Whether there is a page, be it for the sake of its export alone."""
+    """Whether a page is needed, to be shown or only to be exported."""
     return wishes.view or wishes.export is not None
 
 
@@ -234,13 +237,13 @@ def show(
     explained: Sequence[str],
     words: Sequence[str | Table],
 ) -> None:
-    """Print what was found: one JSON object, or words.
+    """Print the results: one JSON object, or text.
 
     Args:
-        wishes: What the command line says; a table on standard output stays one.
-        found: For programs.
-        explained: Of the verdict that was to be explained.
-        words: For people.
+        wishes: The command line. With a table on standard output, nothing else is printed there.
+        found: Results for programs.
+        explained: Explanation of the requested verdict.
+        words: Results for people.
     """
     if wishes.json:
         print_json(lambda: found | ({"explained": "\n".join(explained)} if explained else {}))
@@ -256,20 +259,19 @@ def lead(
     wishes: cli.Replay,
     urdf: tuple[str, list[str]] = ("", []),
 ) -> tuple[StopList, Watch, float]:
-    """Take all ticks, or those up to the one that is to be explained.
+    """Replay all ticks, or those up to the one to explain.
 
     Args:
-        monitor: What gives them.
-        ticks: Makes the next when it is asked for.
+        monitor: The replayed monitor.
+        ticks: Iterator that replays the next tick.
         wishes: What the command line says.
-        urdf: Path of the arm's URDF and its package folders, where it is not one that armguard
-            knows.
+        urdf: Path of the arm's URDF and its package folders, unless armguard knows the arm by name.
 
     Returns:
-        The stops, the verdict that was found, and how long it took in [s].
+        The stops, the verdict to explain, and the duration in [s].
 
     Raises:
-        ArmguardError: There is no verdict at the time that is to be explained.
+        ArmguardError: There is no verdict at the requested time.
     """
     stops, watch = StopList(), Watch(wishes.explain)
     begin = time.monotonic()
@@ -294,14 +296,14 @@ def lead(
 
 
 def check_table(csv_file: Path | None, path: Path) -> None:
-    """Refuse to write a table over what is replayed.
+    """Refuse to overwrite the recording with a table.
 
     Args:
-        csv_file: Where the table goes; None: nowhere.
-        path: The recording, or the folder of one.
+        csv_file: Path of the table; None: no table.
+        path: The recording, or its folder.
 
     Raises:
-        ArmguardError: The table would stand in its place.
+        ArmguardError: The table would replace the recording.
     """
     if csv_file is None or csv_file == STANDARD_OUTPUT:
         return
@@ -314,10 +316,10 @@ def check_table(csv_file: Path | None, path: Path) -> None:
 
 
 def check_drawable(robot: str) -> None:
-    """Refuse to draw an arm of which there are no meshes.
+    """Refuse to draw an arm without meshes.
 
     Raises:
-        ArmguardError: The arm is none that armguard knows.
+        ArmguardError: armguard does not know the arm by name.
     """
     if robot not in list_robots():
         raise ArmguardError(
@@ -345,12 +347,12 @@ def read_changes(text: str) -> dict[str, str]:
 
 
 class StopList:
-    """Finds the STOPs of a recording, and how much of each is one in the replay as well.
+    """Finds the STOPs of a recording, and how much of each is a STOP in the replay as well.
 
     Attributes:
-        stops: Those that have ended, and the present one.
-        ticks: How many there were.
-        new: Ticks that are a STOP in the replay alone.
+        stops: All STOPs so far, including the present one.
+        ticks: Number of ticks so far.
+        new: Ticks that are a STOP only in the replay.
         seconds: From the first tick to the last, in [s] of the monitor's clock.
     """
 
@@ -380,16 +382,16 @@ class StopList:
 
 
 class Watch:
-    """Waits for the verdict that is to be explained.
+    """Finds the verdict to explain.
 
     Args:
-        text: Seconds of the monitor's clock, or a time of day; None: wait for nothing.
+        text: Seconds of the monitor's clock, or a time of day; None: explain nothing.
 
     Attributes:
         found: The first tick at that time or after it.
-        since: The tick in which its level was taken on.
-        first: When the recording begins, in words.
-        last: When it ended so far, in words.
+        since: The tick in which its level began.
+        first: Time of the first tick, in words.
+        last: Time of the newest tick, in words.
     """
 
     def __init__(self, text: str | None) -> None:
@@ -416,7 +418,7 @@ class Watch:
 
 
 def read_time(text: str) -> tuple[float, timedelta | None]:
-    """Seconds of the monitor's clock, or inf and a time of day.
+    """Read seconds of the monitor's clock, or inf and a time of day.
 
     Raises:
         ArmguardError: It is neither.
@@ -439,7 +441,7 @@ def read_time(text: str) -> tuple[float, timedelta | None]:
 
 
 def find_next(nanoseconds: int, of_day: timedelta) -> int:
-    """The first moment from `nanoseconds` since 1970 on at which it is that time of day, here."""
+    """The first moment after `nanoseconds` since 1970 with that local time of day."""
     start = datetime.fromtimestamp(nanoseconds * 1e-9)
     moment = datetime(start.year, start.month, start.day) + of_day
     # What was asked for without fractions means all of that second.
@@ -449,13 +451,13 @@ def find_next(nanoseconds: int, of_day: timedelta) -> int:
 
 
 def tell_time(tick: ReplayedTick) -> str:
-    """When a tick was, by both clocks."""
+    """The time of a tick by both clocks, in words."""
     moment = datetime.fromtimestamp(tick.nanoseconds * 1e-9)
     return f"{tick.now:.3f} s ({moment.time().isoformat('milliseconds')})"
 
 
 def tell_why(verdict: Verdict) -> str:
-    """What began the level of a verdict, in words; empty where that is not known."""
+    """The cause of the level of a verdict, in words; empty if it is unknown."""
     if verdict.held is not None:
         return verdict.held.describe_cause()
     reason = find_weightiest(verdict.reasons)
@@ -463,7 +465,7 @@ def tell_why(verdict: Verdict) -> str:
 
 
 def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
-    """Why a verdict was as it was, in lines; the monitor stands at its tick."""
+    """Explain a verdict in lines; the monitor must be at its tick."""
     tick, since = watch.found, watch.since
     if tick is None or since is None:
         return []
@@ -475,7 +477,7 @@ def explain_tick(monitor: Monitor, watch: Watch) -> list[str]:
         *(f"because: {reason}" for reason in verdict.reasons),
     ]
     if not tick.is_identical:
-        lines.append("the replayed verdict differs, so what follows explains another one")
+        lines.append("the replayed verdict differs; the explanation is that of the replayed one")
     explanation = monitor.explain()
     if explanation is not None:
         lines += str(explanation).splitlines()
@@ -508,7 +510,7 @@ def summarise(
 def describe_replay(
     recording: Recording, report: ReplayReport, stops: StopList, took: float
 ) -> list[str]:
-    """Whether the replay gave the same verdicts."""
+    """Describe in lines whether the replay gave the same verdicts."""
     faster = stops.seconds / took if took > 0.0 else math.inf
     words = [
         f"{recording.path}: {report.ticks} verdicts, {len(stops.stops)} stops in "
@@ -517,7 +519,7 @@ def describe_replay(
     ]
     if report.is_cut_off:
         words.append(
-            "the recording has no end: what wrote it was killed; it was read as far as it goes"
+            "the recording has no end, since its writer was killed; it was read to its last event"
         )
     if report.lost:
         words.append(
@@ -533,7 +535,7 @@ def describe_replay(
 
 
 def describe_changes(stops: StopList, changes: dict[str, str]) -> list[str | Table]:
-    """Which stops there would not have been."""
+    """Describe in lines which stops the changed settings would have avoided."""
     asked = ", ".join(f"{name} = {value}" for name, value in changes.items())
     table = Table("from [s]", "to [s]", "because", "then", title=f"stops with {asked}")
     for stop in stops.stops:
@@ -547,14 +549,14 @@ def describe_changes(stops: StopList, changes: dict[str, str]) -> list[str | Tab
     gone = sum(stop.kept == 0 for stop in stops.stops)
     return [
         table,
-        f"{gone} of {len(stops.stops)} stops would not have been; {stops.new} ticks would be a "
+        f"{gone} of {len(stops.stops)} stops would have been avoided; {stops.new} ticks would be a "
         "STOP that were none. The arm moves as it was recorded, whatever the verdicts say.",
     ]
 
 
 @contextlib.contextmanager
 def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
-    """A file for the table of all verdicts; what takes its rows.
+    """Open a file for the table of all verdicts; yields the function that writes a row.
 
     Raises:
         ArmguardError: The file cannot be written.
@@ -570,7 +572,7 @@ def open_table(path: Path) -> Iterator[Callable[[ReplayedTick], None]]:
 
 
 def write_rows(file: TextIO) -> Callable[[ReplayedTick], None]:
-    """Write the head of a table of all verdicts; what takes its rows."""
+    """Write the head of a table of all verdicts; returns the function that writes a row."""
     writer = csv.writer(file)
     writer.writerow(COLUMNS)
 
@@ -595,10 +597,10 @@ def write_rows(file: TextIO) -> Callable[[ReplayedTick], None]:
 def show_page(
     monitor: Monitor, urdf: tuple[str, list[str]], wishes: cli.Replay
 ) -> Iterator[Callable[[ReplayedTick], None]]:
-    """A page that shows what the replayed monitor sees; what takes its ticks.
+    """Serve a page of the replayed monitor; yields the function that shows a tick.
 
-    The page keeps all of it, and plays it as its user likes; so it stays, after the last tick,
-    until Ctrl-C, unless it is there for the sake of its export alone.
+    The page keeps the whole recording, and its user can play any part. It therefore stays after the
+    last tick until Ctrl-C, except if it is only exported.
     """
     with (
         tempfile.TemporaryDirectory(prefix="armguard-") as folder,
@@ -621,6 +623,6 @@ def show_page(
         yield take
         publisher.publish_status(StatusMessage(text="the recording ends here", is_over=True))
         if wishes.view:
-            console.print("all is read; the page stays until Ctrl-C")
+            console.print("the whole recording is read; the page stays until Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt):
                 process.wait()

@@ -1,4 +1,4 @@
-"""`armguard run`, `shield`, `reset` and `view`: a cell on streams, its reset and its view."""
+"""`armguard run`, `shield`, `reset`, `view` and `keys`: cells on streams."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from armguard.view.publisher import FramePublisher
 
 REACH_TIMEOUT = 3.0
-"""How long `armguard reset` waits for the monitor, and for its answer, in [s]."""
+"""Timeout of `armguard reset` for the connection, and for the answer, in [s]."""
 
 HOUR, DAY = 3600.0, 86_400.0
 """[s]."""
@@ -53,11 +53,11 @@ MEGABYTE = 1e6
 """[bytes]."""
 
 PROGRESS_INTERVAL = 2.0
-"""Between two lines about the progress of long work where there is no terminal, in [s]."""
+"""Time between two lines of progress if there is no terminal, in [s]."""
 
 
 def supervise(wishes: cli.Run, *, moves: bool) -> int:
-    """Supervise a cell until the end, and print the summary; the exit code.
+    """Supervise a cell until the end, and print the summary; returns the exit code.
 
     Args:
         wishes: What the command line says.
@@ -200,10 +200,10 @@ def check_driver(cell: Cell, wishes: cli.Run) -> None:
 
 
 def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
-    """What the command line says of the recording, as keywords of `Recorder`.
+    """Options of the recording on the command line, as keywords of `Recorder`.
 
     Raises:
-        ArmguardError: There is no recording of which it is said, or the key cannot be used.
+        ArmguardError: There is an option but no recording, or the key cannot be used.
     """
     amounts = {
         "--part-hours": wishes.part_hours,
@@ -239,10 +239,10 @@ def read_recorder_options(wishes: cli.Run) -> dict[str, Any]:
 
 
 def find_reset_address(addresses: Mapping[str, str]) -> str:
-    """Where a reset can be sent; empty where standard input alone takes one.
+    """The address to send a reset to; empty if only standard input reads messages.
 
     Args:
-        addresses: Of "joints" and "obstacles"; "-" is standard input.
+        addresses: Addresses of "joints" and "obstacles"; "-" is standard input.
     """
     sockets = [one for one in (addresses["joints"], addresses["obstacles"]) if one != "-"]
     return sockets[0] if sockets else ""
@@ -255,13 +255,13 @@ def describe_remedy(
     has_keys: bool = False,
     arm: str = "",
 ) -> str:
-    """What ends a latched STOP, as a command that can be copied.
+    """The command that ends a latched STOP, to be copied.
 
     Args:
-        addresses: Of "joints", "obstacles" and "verdicts"; "-" is standard input.
-        reset_token: What a reset must carry; None: none is obeyed.
-        has_keys: Whether it is sent with keys.
-        arm: Which of several arms is watched; empty where there is one.
+        addresses: Addresses of "joints", "obstacles" and "verdicts"; "-" is standard input.
+        reset_token: The token that a reset must carry; None: resets are refused.
+        has_keys: Whether the monitor requires keys.
+        arm: Name of the watched arm; empty in a cell with one arm.
     """
     address = find_reset_address(addresses)
     token = "TOKEN" if reset_token is None else reset_token
@@ -279,21 +279,21 @@ def describe_remedy(
         way = f"a line {line.decode()}"
     if reset_token is not None:
         return f"to end it: {way}"
-    return f"this run obeys no reset: start it anew; with --reset-token TOKEN this ends it: {way}"
+    return f"this run refuses resets: restart it; with --reset-token TOKEN this ends it: {way}"
 
 
 def _name_host(address: str) -> str:
-    """An address by which other machines can reach what is bound to it, if any can."""
+    """The address with this machine's host name, if it is bound to all interfaces."""
     if not is_unspecified(address):
         return address
     return f"tcp://{socket.gethostname()}:{address.rsplit(':', 1)[1]}"
 
 
 def find_verdicts_address(address: str) -> str:
-    """Where a monitor most likely publishes: on the same host, at the usual port.
+    """The default address of a monitor's verdicts: the default port of the same host.
 
     Args:
-        address: Where it takes obstacles or joint states.
+        address: Address at which the monitor reads obstacles or joint states.
     """
     host, _, port = address.rpartition(":")
     usual = VERDICTS_ADDRESS.rpartition(":")[2]
@@ -301,7 +301,7 @@ def find_verdicts_address(address: str) -> str:
 
 
 def read_key_files(own: Path | None, server: Path | None) -> tuple[Path, Path] | None:
-    """The two key files named on a command line; None if neither is.
+    """The two key files on a command line; None if neither is given.
 
     Raises:
         ArmguardError: One of the two is missing.
@@ -310,16 +310,16 @@ def read_key_files(own: Path | None, server: Path | None) -> tuple[Path, Path] |
         return None
     if own is None or server is None:
         missing = "--key" if own is None else "--server-key"
-        raise ArmguardError(missing, "is missing: a monitor with keys is spoken to with both")
+        raise ArmguardError(missing, "is missing: a monitor with keys needs both files")
     return own, server
 
 
 def make_keys(name: str, folder: Path) -> int:
-    """Make a key pair, write it, and tell what to do with it; the exit code.
+    """Make a key pair, write it, and print how to use it; returns the exit code.
 
     Args:
-        name: Of the client, or of the monitor.
-        folder: Where its two files go.
+        name: Name of the client, or of the monitor.
+        folder: Folder of the two files.
 
     Raises:
         KeyFileError: A file is there already, or cannot be written.
@@ -327,12 +327,12 @@ def make_keys(name: str, folder: Path) -> int:
     secret, public, key = write_new_pair(name, folder)
     table = name if re.fullmatch(r"[\w-]+", name) else f'"{name}"'
     make_console().print(
-        f"{secret}: stays with {name}, for its owner alone to read\n"
-        f"{public}: for all that speak with {name}\n"
-        "in the cell file, for a client and what it may do (obstacles, joints, verdicts, reset, "
+        f"{secret}: secret key; keep it with {name}, readable by its owner only\n"
+        f"{public}: public key; copy it to all processes that connect to {name}\n"
+        "For a client, add to the cell file, with its rights (obstacles, joints, verdicts, reset, "
         f"view):\n\n[keys.clients.{table}]\n"
         f'public = "{key}"\nmay = ["obstacles"]\n\n'
-        "or for the monitor itself, with the path from the cell file:\n\n"
+        "For the monitor itself, with the path relative to the cell file:\n\n"
         f'[keys]\nsecret = "{secret.name}"',
         soft_wrap=True,
     )
@@ -340,11 +340,11 @@ def make_keys(name: str, folder: Path) -> int:
 
 
 def make_signing_keys(name: str, folder: Path) -> int:
-    """Make a key pair that signs recordings, and tell what to do with it; the exit code.
+    """Make a key pair that signs recordings, and print how to use it; returns the exit code.
 
     Args:
-        name: Of who records.
-        folder: Where its two files go.
+        name: Name of the machine or person that records.
+        folder: Folder of the two files.
 
     Raises:
         ArmguardError: A file is there already, or cannot be written, or the package for signatures
@@ -354,8 +354,8 @@ def make_signing_keys(name: str, folder: Path) -> int:
 
     secret, public, key = write_signing_pair(name, folder)
     make_console().print(
-        f"{secret}: stays on the machine that records, for its owner alone to read\n"
-        f"{public}: for all that verify its recordings; keep a copy elsewhere\n"
+        f"{secret}: secret key; keep it on the machine that records, readable by its owner only\n"
+        f"{public}: public key, which verifies the recordings; keep a copy on another machine\n"
         f"public key: {key}\n\n"
         f"armguard run CELL --record FOLDER --sign {shlex.quote(str(secret))}\n"
         f"armguard replay FILE --verify --key {shlex.quote(str(public))}",
@@ -365,7 +365,7 @@ def make_signing_keys(name: str, folder: Path) -> int:
 
 
 def send_reset(wishes: cli.Reset) -> int:
-    """Send a reset to a running monitor and tell its answer; the exit code, 1 if not obeyed.
+    """Send a reset and print the monitor's answer; returns the exit code, 1 if it was refused.
 
     Args:
         wishes: What the command line says.
@@ -389,9 +389,10 @@ def send_reset(wishes: cli.Reset) -> int:
 
 
 def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str) -> ResetVerdict:
-    """Send a reset, and wait for the answer; the problem says where none came from."""
+    """Send a reset and wait for the answer; without an answer, `problem` says why."""
     rights = (
-        "with [keys] in its cell file it lets in those that may reset, with --key and --server-key"
+        "with [keys] in its cell file, it accepts only clients that may `reset`, which give --key "
+        "and --server-key"
     )
     if not publisher.wait(REACH_TIMEOUT):
         return ResetVerdict(
@@ -403,7 +404,7 @@ def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str
     if reader.latest(REACH_TIMEOUT) is None:
         return ResetVerdict(
             False,
-            f"nothing was sent, as its answer could not be read: no verdicts come from "
+            f"no reset was sent, since its answer could not be read: no verdicts come from "
             f"{reader.address} (waited {REACH_TIMEOUT:g} s). --verdicts takes the address that "
             f"`armguard run` prints; {rights}",
         )
@@ -411,13 +412,13 @@ def _ask_reset(publisher: Publisher, reader: VerdictReader, token: str, arm: str
     verdict = reader.reset_answer(number, REACH_TIMEOUT)
     return verdict or ResetVerdict(
         False,
-        f"the monitor at {reader.address} did not answer (waited {REACH_TIMEOUT:g} s): it is "
-        f"another one, of another arm, or too busy; {rights}",
+        f"the monitor at {reader.address} did not answer (waited {REACH_TIMEOUT:g} s): it "
+        f"watches another arm, or is too busy; {rights}",
     )
 
 
 def show(wishes: cli.View) -> int:
-    """Serve the page of a running monitor until Ctrl-C; the exit code.
+    """Serve the page of a running monitor until Ctrl-C; returns the exit code.
 
     Args:
         wishes: What the command line says.
@@ -436,13 +437,13 @@ def show(wishes: cli.View) -> int:
         if wishes.open:
             webbrowser.open(page.url)
         page.wait()
-        complain("the view has ended by itself")
+        complain("the process of the view has ended")
         return COMPLAINT
     return 0
 
 
 class _Observer(Observer):
-    """Counts and announces every verdict, and feeds the views if there is an address for them."""
+    """Counts and announces every verdict, and sends frames to views if they have an address."""
 
     def __init__(
         self,
@@ -459,16 +460,16 @@ class _Observer(Observer):
         self._recording = "" if record is None else str(record.absolute())
         self._feed: MonitorFeed | None = None
         self.monitor: Monitor | None = None
-        """What is observed, once it is there."""
+        """The monitor of the run, after it was made."""
         self.configuration = ""
-        """Digest of what it was made with."""
+        """Digest of its configuration."""
 
     def begin(self, addresses: Mapping[str, str], *, obeys_reset: bool) -> None:
-        """Tell the views of the cell, before the first tick.
+        """Send the scene of the cell to the views, before the first tick.
 
         Args:
-            addresses: Of "joints" and "obstacles".
-            obeys_reset: Whether a reset that brings its token is obeyed.
+            addresses: Addresses of "joints" and "obstacles".
+            obeys_reset: Whether a reset with its token is obeyed.
         """
         if self._publisher is None or self.monitor is None:
             return
@@ -498,7 +499,7 @@ class _Observer(Observer):
             self.rest(loop, 0.0)
 
     def rest(self, loop: RateLoop, idle: float) -> None:
-        """Called between ticks that leave so much time, in [s]."""
+        """Called between two ticks with the idle time in [s]."""
         if self._feed is not None:
             self._feed.publish(
                 loop.clock.now(),

@@ -1,8 +1,8 @@
-"""What systemd is told of a run, where it asks: that it is ready, that ticks go on, that it stops.
+"""Notifies systemd of the state of a run: ready, watchdog alive, stopping.
 
-The protocol is that of `sd_notify`: datagrams of a line each to the socket that is named by
-`NOTIFY_SOCKET`. They are sent by a thread that looks at the number of ticks and nothing else, so
-that a tick never sends; and a loop that hangs, or a process that is stopped, feeds no watchdog.
+The protocol is that of `sd_notify`: datagrams of one line each to the socket in `NOTIFY_SOCKET`. A
+thread sends them, so that no tick has to. The thread notifies the watchdog only while the number of
+ticks grows. So the watchdog fires if the loop hangs or the process is stopped.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import threading
 from collections.abc import Callable, Mapping
 
 READY_CHECK_INTERVAL = 0.05
-"""Between two looks whether the first tick is done, in [s]."""
+"""Time between two checks that the first tick is done, in [s]."""
 
 
 class ServiceNotifier:
-    """Tells systemd of a loop from a thread of its own; a context. Without an address it is silent.
+    """Notifies systemd of a loop, from its own thread; a context manager. Silent without address.
 
     Args:
-        address: Of systemd's socket: a path, or a name after "@"; empty: there is none.
-        timeout: After how long without a word systemd takes the service for dead, in [s]; half of
-            it lies between two words. inf: it has no watchdog.
+        address: Address of systemd's socket: a path, or a name after "@"; empty: none.
+        timeout: Timeout of systemd's watchdog in [s]; messages are sent at half of it. inf: no
+            watchdog.
         count_ticks: How many ticks there were so far.
     """
 
@@ -41,7 +41,7 @@ class ServiceNotifier:
     def from_environment(
         cls, count_ticks: Callable[[], int], environment: Mapping[str, str] = os.environ
     ) -> ServiceNotifier:
-        """The notifier that systemd asks for in its variables; a silent one where it asks nothing.
+        """The notifier that systemd's variables request; a silent one if they are not set.
 
         Args:
             count_ticks: How many ticks there were so far.
@@ -68,7 +68,7 @@ class ServiceNotifier:
         self._socket.close()
 
     def _serve(self) -> None:
-        """Say once that ticks have begun, and from then on whether they go on."""
+        """Send READY after the first tick, and then a watchdog message whenever ticks went on."""
         while not (self._count_ticks() and self._send("READY=1")):
             if self._ending.wait(READY_CHECK_INTERVAL):
                 return
@@ -82,7 +82,7 @@ class ServiceNotifier:
                 return
 
     def _send(self, state: str) -> bool:
-        """Whether the words were taken; never waits for it."""
+        """Send a message without waiting; returns whether it was sent."""
         try:
             self._socket.sendto(state.encode(), self._address)
         except (OSError, ValueError):  # no such socket, nothing reads it, or no name at all

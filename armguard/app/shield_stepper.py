@@ -1,4 +1,4 @@
-"""What steps a shield in a loop: goals in, commands out."""
+"""Steps a shield in the rate loop: reads goals, publishes commands."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class ShieldStepper(Stepper):
     """Steps a shield, which steps its monitor.
 
     Args:
-        shield: What is stepped.
+        shield: The shield to step.
         monitor: The shield's.
-        edge: What the messages of a tick have gone through.
-        publisher: Takes commands, and answers to plans.
+        edge: Holds the messages of the tick.
+        publisher: Publishes commands, and answers to plans.
     """
 
     def __init__(
@@ -43,13 +43,13 @@ class ShieldStepper(Stepper):
         self._problem = ""
 
     def reset(self) -> None:
-        """Obey a reset: no motion goes on by itself after it."""
+        """Obey a reset and drop the goal, so that no motion resumes by itself."""
         self._shield.reset()
         self._shield.set_path(None)
         self._goal = self._chunk = None
 
     def step(self, now: float) -> Verdict:
-        """The verdict on what was drained last, at a time in [s]; the command is kept."""
+        """Judge the messages read last, at a time in [s]; the command is kept for `answer`."""
         self.command = None
         return super().step(now)
 
@@ -65,15 +65,15 @@ class ShieldStepper(Stepper):
         return self.command.verdict
 
     def answer(self) -> None:
-        """Publish the command, once the verdict is published, and take what is asked for next.
+        """Publish the command after the verdict, then read the next goal.
 
-        Only then: to time a path takes some milliseconds, and no command is to wait for it.
+        This order matters: timing a path takes some milliseconds, and no command may wait for it.
         """
         if self.command is not None:
             self._publish(self._describe(self.command))
         requests = self._edge.requests
         for plan in requests.plans:
-            problem = plan.problem or "is the shield's business here: send goals instead"
+            problem = plan.problem or "is refused: a shield makes the plans; send goals instead"
             self._answer(plan.number, refuse_plan("plan", problem))
         usable = [goal for goal in requests.goals if not goal.problem]
         for goal in requests.goals:
@@ -83,7 +83,7 @@ class ShieldStepper(Stepper):
                 self._take(goal)
 
     def _take(self, goal: GoalRequest) -> None:
-        """Take a goal in place of the one before; that goes on where this one is refused."""
+        """Replace the goal; if the new goal is refused, the old one goes on."""
         try:
             if self.command is None:
                 raise ArmguardError("goal", "came before the first joint state")
@@ -96,7 +96,7 @@ class ShieldStepper(Stepper):
         self._goal, self._chunk = goal, goal.chunk
 
     def _make_path(self, q: FloatArray, times: FloatArray | None) -> Path:
-        """A path of a goal; raises ArmguardError where it leaves position limits."""
+        """The path of a goal; raises ArmguardError if it leaves the position limits."""
         robot = self.monitor.robot
         error = robot.position_error
         lower, upper = robot.lower_position_limit - error, robot.upper_position_limit + error

@@ -1,4 +1,4 @@
-"""What judges the joint state of each tick of a loop, and answers what was asked of it."""
+"""Steps a monitor in the rate loop: judges the joint state, answers requests."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ class Stepper:
     """Steps a monitor.
 
     Args:
-        monitor: What is stepped.
-        edge: What the messages of a tick have gone through.
-        answer: Takes the number of each plan that came, and the answer to it; must never block.
+        monitor: The monitor to step.
+        edge: Holds the messages of the tick.
+        answer: Called with the number of each plan and the answer to it; must never block.
 
     Attributes:
         monitor: As above.
-        shield: What moves the arm; None: it is only watched.
-        command: Of the shield in the last tick; None where it had no joint state.
+        shield: The shield that moves the arm; None: the arm is only watched.
+        command: Command of the shield in the last tick; None without a joint state.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Stepper:
         self.monitor.reset()
 
     def step(self, now: float) -> Verdict:
-        """The verdict on what was drained last, at a time in [s]."""
+        """Judge the messages read last, at a time in [s]."""
         joints = self._edge.joints
         if joints.state is not None:
             return self.judge(joints.state, now)
@@ -65,7 +65,7 @@ class Stepper:
         return self.monitor.step(state.stamp, state.q, state.v, now)
 
     def answer(self) -> None:
-        """Answer what was asked, once the verdict is published."""
+        """Answer requests, after the verdict is published."""
         plans = self._edge.requests.plans
         for request in plans:
             verdict = judge_request(self.monitor, request, is_newest=request is plans[-1])
@@ -77,13 +77,13 @@ class Stepper:
 
 
 def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) -> PlanVerdict:
-    """The answer to a plan that came from outside; nothing in it makes this raise.
+    """The answer to a plan from another process; never raises on its content.
 
     Args:
         monitor: After its step.
-        request: The plan, and what is asked of it.
-        is_newest: Whether no other plan came after it in the same tick. Each costs a good part of
-            a tick, so one is judged.
+        request: The plan, and whether to commit it.
+        is_newest: Whether no other plan came after it in the same tick. A plan takes a large part
+            of a tick, so only one is judged.
     """
     if request.problem:
         return refuse_plan("message", request.problem)
@@ -97,10 +97,10 @@ def judge_request(monitor: Monitor, request: PlanRequest, *, is_newest: bool) ->
 def take_shared_plan(
     other: ArmObstacles, request: PlanRequest, until: float, clock_error: float
 ) -> None:
-    """Tell the obstacles of another arm what it promises; see `ArmObstacles.take_plan`.
+    """Give the plan of another arm to its obstacles; see `ArmObstacles.take_plan`.
 
     Raises:
-        ArmguardError: It is no such promise.
+        ArmguardError: The plan cannot be used.
     """
     other.take_plan(_make_plan(request), until, clock_error)
 
@@ -120,11 +120,11 @@ def _make_plan(request: PlanRequest) -> Plan:
 
 
 def wait_for_joints(now: float, dropped_age: float) -> Verdict:
-    """The verdict while no fresh joint state has come: nothing is known, so STOP.
+    """The verdict while no fresh joint state has arrived: STOP, since nothing is known.
 
     Args:
         now: Time of the tick, in [s].
-        dropped_age: How old the last one was that was dropped, in [s]; nan: none was.
+        dropped_age: Age of the last dropped joint state in [s]; nan: none was dropped.
     """
     detail = "no joint state has arrived yet"
     if not math.isnan(dropped_age):
@@ -133,7 +133,7 @@ def wait_for_joints(now: float, dropped_age: float) -> Verdict:
 
 
 def tell_unknown(now: float, reason: Reason) -> Verdict:
-    """The verdict where no joint state can be judged, at `now` [s]: STOP."""
+    """The verdict without a usable joint state, at `now` [s]: STOP."""
     return Verdict(
         stamp=now,
         sequence=0,

@@ -1,4 +1,4 @@
-"""What a run was like: counted while it lasts, one object for programs, one table for people."""
+"""The summary of a run: counts verdicts; makes one object for programs, one table for people."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from armguard.streams.faults import quote
 from armguard.verdict import Effect, Level, ReasonKind, Verdict, find_weightiest
 
 REASONS_SHOWN = 8
-"""Most reasons of stops in the table; `--json` has all that are told apart."""
+"""Greatest number of reasons of stops in the table; `--json` has all of them."""
 
 PERCENTILES = ("p50", "p99", "p99.9", "max")
 """Names of the fields of a `Spread`."""
@@ -24,7 +24,7 @@ COLORS = {"STOP": "red", "SLOW": "yellow", "AWARE": "cyan", "CLEAR": "green"}
 
 
 def summarise(report: LoopReport, counts: VerdictCounts) -> dict[str, Any]:
-    """The object that `--json` prints; a time that there is not is null."""
+    """The object that `--json` prints; a missing time is null."""
     soonest = counts.min_contact_time
     return {
         "ticks": report.ticks - counts.waiting,
@@ -59,9 +59,7 @@ def draw_summary(summary: dict[str, Any]) -> Table:
             share = f"{100.0 * count / summary['ticks']:.1f} % of the time"
             table.add_row(Text(name, COLORS[name]), share)
     elif summary["waiting"]:
-        table.add_row(
-            Text("STOP", COLORS["STOP"]), "all the time: no joint state came that could be judged"
-        )
+        table.add_row(Text("STOP", COLORS["STOP"]), "all the time: no usable joint state arrived")
     table.add_row("stops", str(summary["stops"]))
     told = list(summary["stop_reasons"].items())
     for reason, count in told[:REASONS_SHOWN]:
@@ -80,7 +78,7 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     table.add_row("real time", _tell_realtime(summary["realtime"]))
     table.add_row("times incomplete", str(summary["incomplete"]))
     if summary["cut_short"]:
-        waits = f"{summary['cut_short']} times an input had more messages than a tick takes"
+        waits = f"{summary['cut_short']} times an input had more messages than a tick reads"
         table.add_row("messages that waited", waits)
     table.add_row("faults", str(summary["faults"]))
     if summary["recording_lost"] is not None:
@@ -95,14 +93,14 @@ def _tell_spread(spread: dict[str, float | None]) -> str:
 
 
 def _tell_time(summary: dict[str, Any], soonest: float | None) -> str:
-    """The soonest contact, or contact that no limit permits, of a run."""
+    """The least contact time or harm time of a run, in words."""
     if soonest is not None:
         return f"{soonest:.3f} s"
     return "none possible" if summary["levels"]["CLEAR"] else "unknown"
 
 
 def _tell_permitted(ticks: int, permitted: dict[str, Any]) -> str:
-    """For how much of a run contact that its limit permits was possible, and how fast."""
+    """Share of a run in which permitted contact was possible, and its greatest speed, in words."""
     if not permitted["ticks"]:
         return "never possible before rest"
     fastest = permitted["max_contact_speed"]
@@ -111,7 +109,7 @@ def _tell_permitted(ticks: int, permitted: dict[str, Any]) -> str:
 
 
 def _describe_permitted(counts: VerdictCounts) -> dict[str, Any] | None:
-    """What contact limits have permitted; None where none are stated."""
+    """Statistics of permitted contact; None without contact limits."""
     if not counts.are_limits_stated:
         return None
     soonest, fastest = counts.min_harm_time, counts.max_contact_speed
@@ -123,7 +121,7 @@ def _describe_permitted(counts: VerdictCounts) -> dict[str, Any] | None:
 
 
 def _describe_spread(spread: Spread) -> dict[str, float | None]:
-    """How long something took, in [µs], by percentile."""
+    """Percentiles of a duration in [µs], in words."""
     return {
         name: round(1e6 * time, 1) if math.isfinite(time) else None
         for name, time in zip(PERCENTILES, spread, strict=True)
@@ -145,26 +143,24 @@ def _tell_realtime(granted: dict[str, Any] | None) -> str:
 
 
 REASON_LIMIT = 64
-"""Reasons of stops that are told apart; further ones are counted as "other reasons"."""
+"""Greatest number of reasons that are counted separately; others count as "other reasons"."""
 
 
 class VerdictCounts:
-    """Counts verdicts; its size does not grow.
+    """Counts verdicts; its memory is bounded.
 
     Attributes:
-        waiting: Ticks without a joint state to judge, all of them told to STOP; they count nowhere
-            else.
+        waiting: Ticks without a joint state to judge, all with a STOP; not counted anywhere else.
         levels: Ticks at each level.
         stops: How often the level fell to STOP; a run that begins with STOP begins with one.
-        reasons: How often the weightiest reason of a stop was this one.
-        incomplete: How often pairs began to lack a certificate in force.
-        min_contact_time: Soonest contact of all ticks that knew where arm and obstacles were, in
-            [s]; inf without any.
-        are_limits_stated: Whether a tick knew of contact limits.
-        min_harm_time: Soonest contact that no limit permits, of the same ticks, in [s]; inf without
-            any.
-        permitted: Ticks in which contact that its limit permits was possible before rest.
-        max_contact_speed: Greatest speed of contact in those ticks, in [m/s].
+        reasons: Number of stops by their weightiest reason.
+        incomplete: How often verdicts changed from complete to incomplete.
+        min_contact_time: Least contact time of all ticks with known arm and obstacles, in [s]; inf
+            without such ticks.
+        are_limits_stated: Whether contact limits were configured in any tick.
+        min_harm_time: Least harm time of the same ticks, in [s]; inf without such ticks.
+        permitted: Ticks in which permitted contact was possible before the arm was at rest.
+        max_contact_speed: Greatest contact speed in those ticks, in [m/s].
     """
 
     def __init__(self) -> None:
@@ -202,7 +198,7 @@ class VerdictCounts:
                 self.max_contact_speed = max(self.max_contact_speed, verdict.contact_speed)
 
     def _count_reason(self, verdict: Verdict) -> None:
-        """Count the weightiest reason of a stop; figures would make each one of its own."""
+        """Count the weightiest reason of a stop, without the figures of its detail."""
         reason = "no reason"
         weightiest = find_weightiest(verdict.reasons)
         if weightiest is not None:
@@ -215,11 +211,10 @@ class VerdictCounts:
 
 
 def _is_known(verdict: Verdict) -> bool:
-    """Whether a contact time is that of a pair, and not said for want of knowledge.
+    """Whether a contact time was computed for a pair, and is not 0 because something is unknown.
 
-    A refused state has no pair; and an obstacle that could be anywhere by now, since its source is
-    silent or its states are refused, is at 0 s, whether or not it is near. What is seen to touch
-    is near.
+    A refused joint state has no pair. An obstacle has contact time 0 if it could be anywhere,
+    because its source is silent or its samples are refused. Measured contact counts as known.
     """
     if verdict.link is None or not verdict.complete:
         return False

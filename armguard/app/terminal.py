@@ -1,4 +1,4 @@
-"""What is printed on the terminal: text as it is, for what comes from data is no markup."""
+"""Prints on the terminal: text is printed literally, since data must not act as markup."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from rich.table import Table
 
 
 def make_console(*, stderr: bool = False, soft_wrap: bool = False) -> Console:
-    """A console that prints brackets as brackets, in tables as well; styles are `Text`.
+    """A console that prints brackets literally, also in tables; styles must be `Text`.
 
     Args:
         stderr: Whether it prints on standard error.
-        soft_wrap: Whether long lines are left to the terminal.
+        soft_wrap: Whether the terminal wraps long lines.
     """
     return Console(stderr=stderr, soft_wrap=soft_wrap, markup=False, highlight=False)
 
@@ -34,13 +34,13 @@ def make_table(
     title: str | None = None,
     caption: str | None = None,
 ) -> Table:
-    """A table whose first column is of words and whose others are of numbers.
+    """A table with words in its first column and numbers in the others.
 
     Args:
-        heads: Of its columns.
-        rows: Their cells.
-        title: Above it.
-        caption: Below it.
+        heads: Titles of the columns.
+        rows: Cells of each row.
+        title: Title above the table.
+        caption: Caption below the table.
     """
     first, *others = heads
     table = Table(first, title=title, caption=caption, title_justify="left", caption_justify="left")
@@ -57,9 +57,9 @@ _report: ContextVar[TextIO | None] = ContextVar("report", default=None)
 
 @contextlib.contextmanager
 def keep_for_report() -> Iterator[None]:
-    """Inside, standard output takes a report alone; all else that is printed goes aside.
+    """Context in which standard output is reserved for the report of `--json`.
 
-    What a command prints for people goes to standard error then.
+    Text for people goes to standard error.
     """
     token = _report.set(sys.stdout)
     try:
@@ -70,11 +70,11 @@ def keep_for_report() -> Iterator[None]:
 
 
 def print_json(make: Callable[[], object]) -> None:
-    """Print what a command has found as one JSON object, where `--json` asks for it.
+    """Print the results of a command as one JSON object, if `--json` is given.
 
     Args:
-        make: Gives what was found: records, mappings, sequences, numbers, texts and paths. What is
-            infinite or no number becomes null.
+        make: Returns the results: records, mappings, sequences, numbers, texts and paths. Infinite
+            values and NaN become null.
     """
     output = _report.get()
     if output is not None:
@@ -82,7 +82,7 @@ def print_json(make: Callable[[], object]) -> None:
 
 
 def make_plain(value: Any) -> Any:
-    """What JSON has a name for: records as objects, arrays as lists, paths as text."""
+    """Convert to JSON types: records to objects, arrays to lists, paths to text."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Path):
@@ -99,5 +99,5 @@ def make_plain(value: Any) -> Any:
 
 
 def describe_column() -> ProgressColumn:
-    """The column of a progress bar that tells what is done now."""
+    """The column of a progress bar that names the current step."""
     return TextColumn("{task.description}", markup=False)

@@ -1,8 +1,8 @@
-"""From the monitor's loop to the view's feed: thirty times a second, what there is to see.
+"""Sends frames from the monitor's loop to the views, 30 times a second.
 
-Each verdict is noted after it was published. A frame copies a bounded amount, whatever the number
-of obstacles, and is published without waiting; a loop has it made between two ticks, where it takes
-no tick's time.
+Each verdict is noted after it was published. A frame copies a bounded amount of data, whatever the
+number of obstacles, and is published without waiting. The loop makes it between two ticks, so that
+it delays no tick.
 """
 
 from __future__ import annotations
@@ -47,37 +47,37 @@ if TYPE_CHECKING:
     from armguard.shield.shield import Shield
 
 INTERVAL = 1.0 / 30.0
-"""Between two frames, in [s]."""
+"""Time between two frames, in [s]."""
 
 LONGEST_WAIT = 0.25
-"""Of a frame for a tick after which there is time left, in [s]."""
+"""Longest wait of a frame for a tick with enough idle time, in [s]."""
 
 PAIR_LIMIT = 32
-"""Lines drawn at most."""
+"""Greatest number of lines to draw."""
 
 ROW_LIMIT = 1000
-"""Obstacles drawn at most, the most imminent ones."""
+"""Greatest number of obstacles to draw; those with the least contact times are drawn."""
 
 REASON_LIMIT = 6
-"""Reasons told at most."""
+"""Greatest number of reasons in a frame."""
 
 PLAN_SAMPLES = 24
-"""Places on a told path that are drawn."""
+"""Number of points to draw on the path of a plan."""
 
 PATH_SAMPLES = 48
-"""Places on what is left of a shield's path that are drawn."""
+"""Number of points to draw on the rest of a shield's path."""
 
 
 OF_KNOWN_ROBOT = Origin()
 
 
 class MonitorFeed:
-    """Publishes what a monitor sees.
+    """Publishes the state of a monitor for views.
 
     Args:
         monitor: The monitor.
-        publisher: Where its frames go.
-        origin: What the view cannot know from the monitor.
+        publisher: Publishes the frames.
+        origin: Facts for the view that the monitor does not know.
     """
 
     def __init__(
@@ -90,19 +90,19 @@ class MonitorFeed:
         self._next = -math.inf
         self._origin = origin
         self._cost = 0.0
-        """What the last frame took, in [s]."""
+        """Duration of making the last frame, in [s]."""
         self._newest: Verdict | None = None
         self._level: Level | None = None
         """Of the last tick."""
         self._since: dict[Level, float] = {}
-        """When each level was taken on last, in [s] of the monitor."""
+        """When each level last began, in [s] of the monitor's clock."""
         self._causes: dict[Level, str] = {}
-        """What each level began with last, in words."""
+        """Cause of the last beginning of each level, in words."""
         self._worst: Verdict | None = None
-        """The first of the lowest level since the last frame."""
+        """The first verdict with the lowest level since the last frame."""
         self._stamp = math.nan
         self._states = 0
-        """Joint states so far, told by their stamps."""
+        """Number of joint states so far, counted by changes of their stamp."""
         self._meters: dict[str, RateMeter] = {}
         self._latches: dict[str, Latch] = {}
         self._explanation: tuple[str, ...] = ()
@@ -123,10 +123,10 @@ class MonitorFeed:
         Args:
             verdict: The newest.
             now: Time of the monitor's clock, in [s].
-            durations: How long ticks took so far.
-            late: How many came late.
+            durations: Durations of all ticks so far.
+            late: Number of late ticks.
             wall: Time of day, in [s] since 1970; None: the present.
-            resets: What became of those so far.
+            resets: Resets so far that were obeyed and refused.
         """
         self.note(verdict, now)
         self.publish(now, durations, late, wall=wall, resets=resets)
@@ -165,14 +165,13 @@ class MonitorFeed:
 
         Args:
             now: Time of the monitor's clock, in [s].
-            durations: How long ticks took so far.
-            late: How many came late.
+            durations: Durations of all ticks so far.
+            late: Number of late ticks.
             wall: Time of day, in [s] since 1970; None: the present.
-            resets: What became of those so far.
-            idle: How much time there is, in [s]. A frame that took longer the last time waits for
-                a later call; but no longer than for another frame, or `LONGEST_WAIT` where there is
-                no time at all.
-            shield: What moves the arm; None: it is only watched.
+            resets: Resets so far that were obeyed and refused.
+            idle: Idle time in [s]. If the last frame took longer, this one waits for a later call,
+                but at most for one frame, or for `LONGEST_WAIT` if there is no idle time at all.
+            shield: The shield that moves the arm; None: the arm is only watched.
         """
         verdict = self._newest
         wait = 0.0 if self._cost <= idle else (INTERVAL if idle > 0.0 else LONGEST_WAIT)
@@ -209,13 +208,13 @@ class MonitorFeed:
         self._cost = time.perf_counter() - begin
 
     def _explain(self) -> None:
-        """Ask why, where there is time for it: the answer takes as long as thirty ticks."""
+        """Explain the verdict if there is time: this takes as long as thirty ticks."""
         if self._origin.is_recorded:
             explanation = self._monitor.explain()
             self._explanation = () if explanation is None else tuple(str(explanation).splitlines())
 
     def _describe_changes(self) -> tuple[int, float]:
-        """What the scene rests on and may change."""
+        """The parts of the scene that can change."""
         return self._monitor.robot.revision, self._monitor.payload
 
     def _publish_scene(self) -> None:
@@ -317,11 +316,11 @@ class MonitorFeed:
 
 
 def make_scene(monitor: Monitor, origin: Origin) -> SceneMessage:
-    """What the view is told of a monitor that does not change from tick to tick.
+    """The facts about a monitor, for views, that do not change from tick to tick.
 
     Args:
         monitor: The monitor.
-        origin: What the view cannot know from it.
+        origin: Facts for the view that the monitor does not know.
     """
     robot, settings = monitor.robot, monitor.settings
     limits = settings.put_in_force(robot)
@@ -361,7 +360,7 @@ def pack_cover(robot: Robot) -> tuple[LinkCover, ...]:
 
 
 def _describe_cause(verdict: Verdict, now: float) -> str:
-    """What a verdict that takes on a level rests on, in words; empty where it is latched."""
+    """The cause of a verdict that begins a level, in words; empty if it is latched."""
     held = verdict.held
     if held is None:
         reason = find_weightiest(verdict.reasons)
@@ -373,7 +372,7 @@ def _describe_cause(verdict: Verdict, now: float) -> str:
 
 
 def _tell_latched(reason: Reason) -> str:
-    """A latched reason, without since when: a view tells that by its own clock."""
+    """A latched reason without its time, which a view computes by its own clock."""
     detail = reason.detail.rpartition("latched since ")[0].removesuffix("; ")
     return str(reason._replace(detail=detail))
 
@@ -398,7 +397,7 @@ def _pack_obstacles(monitor: Monitor, snapshot: Snapshot) -> ObstacleShapes:
 
 
 def describe_shield(shield: Shield | None, command: Command | None) -> dict[str, Any]:
-    """What a frame has of a shield and its newest command; nothing where there is none."""
+    """Fields of a frame about a shield and its newest command; empty without a shield."""
     if shield is None or command is None:
         return {}
     summary = CommandSummary(
@@ -411,7 +410,7 @@ def describe_shield(shield: Shield | None, command: Command | None) -> dict[str,
 
 
 def _sample_plan(monitor: Monitor, now: float) -> bytes:
-    """Joint positions along what is left of the newest told path; empty where there is none."""
+    """Joint positions along the rest of the newest plan; empty without a plan."""
     plans = monitor.plans
     if not plans:
         return b""

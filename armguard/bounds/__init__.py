@@ -1,9 +1,9 @@
-"""How far the arm can get by a given time: motion models, each a proof by itself.
+"""Motion models: bounds on how far the arm can move by a given time, each a proof by itself.
 
-From the loosest to the tightest near by: `ReachMotion` (where links can be at all, the tightest
-far away), `IsotropicMotion` (points as free bodies), `JointMotion` (every joint within its
-limits), `BrakingMotion` (while the arm brakes), `PlannedMotion` (while it follows a plan, which
-`check_plan` has found to be within limits).
+From the loosest to the tightest for near obstacles: `ReachMotion` (the region of links in any
+posture, the tightest for far obstacles), `IsotropicMotion` (points as free bodies), `JointMotion`
+(every joint within its limits), `BrakingMotion` (while the arm brakes), `PlannedMotion` (while the
+arm follows a plan that `check_plan` has found to be within limits).
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
-"""All that bounds the arm's motion, side by side: each model a proof by itself.
+"""All motion models of one arm, each a proof by itself.
 
-Constants are laid out once; what depends on the joint state is filled by compiled code, in the
-ticks that need it.
+Constants are computed once; compiled code computes the parts that depend on the joint state, in the
+ticks that need them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What the arm can still do while it brakes: each joint within what brakes guarantee and allow.
+"""Bound on a braking arm: each joint within what its brakes guarantee and its limits allow.
 
-Every joint is free for the reaction time; then it stops as its brakes are stated to, by the entry
-for its payload and the greatest speed that it can have by then, and decelerates by at most its
-acceleration limit. One single deceleration would be no bound: a joint that stops sooner ends
-elsewhere.
+Every joint moves freely for the reaction time. Then it stops as its brakes are stated, by the entry
+for the payload and for the greatest speed that it can have by then; it decelerates at most at its
+acceleration limit. A single deceleration would not be a bound: a joint that stops sooner ends at
+another position.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ BRAKING_NODES = 28
 
 
 class BrakingData(NamedTuple):
-    """What compiled code reads and fills when it tabulates a stop."""
+    """Data that compiled code reads and fills when it tabulates a stop."""
 
     limits: JointLimits
     paced: JointLimits
@@ -55,7 +55,7 @@ class BrakingData(NamedTuple):
 
 
 class BrakingMotion(JointSpaceMotion):
-    """Each joint moves freely for the reaction time and then brakes until it rests.
+    """Each joint moves freely for the reaction time, and then brakes until it is at rest.
 
     Attributes:
         reaction_time: From command to braking torque, in [s].
@@ -80,7 +80,7 @@ class BrakingMotion(JointSpaceMotion):
             robot: The arm.
             reaction_time: From command to braking torque, in [s], >= 0.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            operating: What joints keep to until they brake; None: the robot's limits.
+            operating: Operating limits until the joints brake; None: the robot's limits.
             with_velocities: Whether the table is to have velocities as well.
 
         Raises:
@@ -102,15 +102,15 @@ class BrakingMotion(JointSpaceMotion):
         self._tabulate = machine_code(_tabulate, self.handle, some, some, 0.0, 0.0, 0.0)
 
     def stop_time(self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float) -> float:
-        """Time within which every joint surely rests, in [s] from now.
+        """Stop time: by then every joint is at rest, in [s] from now.
 
-        It is inf where a joint may be faster by then than its brakes are stated for.
+        It is inf if a joint may be faster than its brakes are stated for when they engage.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
             age: Now minus the stamp of the state, in [s]; a newer stamp counts as 0.
-            horizon: Until braking is commanded, in [s] from now.
+            horizon: Time at which braking is commanded, in [s] from now.
 
         Raises:
             ArmguardError: The state is malformed or beyond its limits, or a time is unusable.
@@ -131,19 +131,19 @@ class BrakingMotion(JointSpaceMotion):
     ) -> JointTable:
         """Fill the table of one tick; its last node is the stop time.
 
-        Brakes may bite sooner than they must, at any time since the stamp.
+        Brakes can engage at any time from the stamp on, up to the latest time.
 
-        It proves nothing where `covers` says that a joint may be faster than its brakes are stated
-        for: it stops as their last entry says then, so that times stay finite.
+        If `covers` is false, because a joint may be faster than its brakes are stated for, the
+        table proves nothing. The last entry of the brakes is used then, so that times stay finite.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,), float64.
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,), float64.
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
-            horizon: Until braking is commanded, in [s] from now.
-            pace: Fraction of their operating velocities that no joint exceeds from now on; one
-                that is measured to be faster counts as if it were so fast, but for how far it may
-                have gone since its stamp.
+            horizon: Time at which braking is commanded, in [s] from now.
+            pace: Fraction of their operating velocities that no joint exceeds from now on. A joint
+                that is measured to be faster counts with this fraction, except for its possible
+                displacement since its stamp.
 
         Returns:
             The table; always the same one, filled anew.
@@ -162,17 +162,17 @@ class BrakingMotion(JointSpaceMotion):
     def stopping_volume(
         self, q: npt.ArrayLike, v: npt.ArrayLike, age: float, horizon: float
     ) -> FloatArray:
-        """Balls that contain all spheres of the arm at every time from now until it rests.
+        """Balls that contain all spheres of the arm at every time from now until it is at rest.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
-            horizon: Until braking is commanded, in [s] from now.
+            horizon: Time at which braking is commanded, in [s] from now.
 
         Returns:
-            Centres and radii in the world, in [m], in the order of the arm's spheres; between
-            them they contain every link wherever it can get to. Shape (n, 4).
+            Centres and radii in the world, in [m], in the order of the arm's spheres. Together they
+            contain every link at all these times. Shape (n, 4).
 
         Raises:
             ArmguardError: The state is malformed or beyond its limits, a joint may be faster by
@@ -208,15 +208,16 @@ class BrakingMotion(JointSpaceMotion):
         return Kinematics(self._robot, self._base)
 
     def covers(self, q: FloatArray, v: FloatArray, age: float, horizon: float) -> bool:
-        """Whether the brakes are stated for every speed that joints can have when they bite.
+        """Whether the brakes are stated for every speed that joints can have when they engage.
 
-        A joint that is thrown back from its stop counts with the speed that it can have got there.
+        A joint that rebounds from its mechanical stop counts with its possible speed after the
+        rebound.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
             age: Now minus the stamp of the state, in [s].
-            horizon: Until braking is commanded, in [s] from now.
+            horizon: Time at which braking is commanded, in [s] from now.
         """
         return self._find_uncovered(q, v, age, horizon) == ALL_COVERED
 
@@ -236,9 +237,9 @@ class BrakingMotion(JointSpaceMotion):
 def _find_uncovered(
     handle: Any, q: FloatArray, v: FloatArray, age: float, horizon: float, reaction_time: float
 ) -> int:
-    """The first joint that may be faster when its brakes bite than they are stated for.
+    """The first joint that may be too fast for its stated brakes when they engage.
 
-    On the handle of a `BrakingData`; `ALL_COVERED` if there is none.
+    Takes the handle of a `BrakingData`. Returns `ALL_COVERED` if no joint may be too fast.
     """
     limits = handle.content.limits
     _, joint = compute_stop_time(
@@ -259,9 +260,9 @@ def _find_uncovered(
 def _tabulate(
     handle: Any, q: FloatArray, v: FloatArray, age: float, free: float, pace: float
 ) -> int:
-    """Fill the table of a `BrakingData`; first joint whose state is flawed, else -1.
+    """Fill the table of a `BrakingData`; returns the first joint with a flawed state, else -1.
 
-    Joints keep to a fraction of their operating velocities, from now on, where `pace` is below 1.
+    With `pace` below 1, joints keep below this fraction of their operating velocities from now on.
     """
     data = handle.content
     limits, paced, table, velocity = data.limits, data.paced, data.table, data.velocity
@@ -299,8 +300,8 @@ def _spread_nodes(
 ) -> None:
     """Fill the times of a table: up to `free`, and from then until all joints rest.
 
-    One that is thrown back from its stop before brakes engage may be faster than operating limits
-    allow, and rest later.
+    A joint that rebounds from its mechanical stop before brakes engage may be faster than operating
+    limits allow, and be at rest later.
     """
     rest = (
         compute_stop_time(

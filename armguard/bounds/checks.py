@@ -1,4 +1,4 @@
-"""Checks of the questions that motion models are asked, and read-only views of arrays."""
+"""Checks of arguments of motion models, and read-only views of arrays."""
 
 from __future__ import annotations
 

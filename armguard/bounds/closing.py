@@ -1,4 +1,4 @@
-"""How fast a gap between two spheres of an arm can close, by each of the joints between them.
+"""Bounds on how fast a gap between two spheres of an arm closes, by each joint between them.
 
 A body part that rests between two links is pressed by two forces. They balance, so both act along
 the line from a point x of one link to a point y of the other, and what the part takes up is the

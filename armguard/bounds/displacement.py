@@ -1,4 +1,4 @@
-"""How far one coordinate can have gone by a given time, within its limits.
+"""Bounds on the displacement of one joint by a given time, within its limits.
 
 A joint that is measured at q with velocity v may truly be anywhere within its errors of both. Its
 displacement from where it truly was at the stamp lies between `low` and `high`:

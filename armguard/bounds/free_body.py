@@ -1,4 +1,4 @@
-"""How far a free body can get: a point with bounds on its acceleration and speed, and no others.
+"""Bounds on the displacement of a free body: a point with bounded acceleration and speed.
 
 A body that is measured with some velocity, right to `velocity_error`, has a displacement along a
 direction of at most that of the fastest one within its bounds: it accelerates up to its top speed

@@ -1,4 +1,4 @@
-"""The plainest motion model: each point of the arm as a free body with bounds of its own.
+"""The simplest motion model: each point of the arm as a free body with its own bounds.
 
 With joint velocities and accelerations within their limits, a point's speed is at most
 sum_j R_j qd_j, and its acceleration at most sum_j R_j qdd_j + sum_ij R_max(i, j) qd_i qd_j. Of
@@ -42,24 +42,24 @@ class VelocityErrors(NamedTuple):
 
 
 class IsotropicMotion(MotionModel):
-    """The plainest motion model: one acceleration and one speed bound for each sphere.
+    """The simplest motion model: one acceleration and one speed bound for each sphere.
 
-    It ignores the configuration, so its bounds are constants; all that a tick computes is how
-    much the joint errors are worth at the present joint speeds. The arrays are read-only views
-    that keep their place in memory, in the order of the arm's spheres (the trees of
-    `robot.links`, one after the other).
+    It ignores the configuration, so its bounds are constants. A tick only computes the effect of
+    joint errors at the present joint speeds. The arrays are read-only views with a fixed place in
+    memory, in the order of the arm's spheres (the trees of `robot.links`, one after the other).
 
     Attributes:
         lever: Proved levers R_j, in [m], or 1 for a prismatic joint. Shape (n, nv).
         accel: Bound on each centre's acceleration, in [m]/[s²]. Shape (n,).
         speed: Bound on each centre's speed, in [m]/[s]. Shape (n,).
-        position_error: What a centre's position may be off by, in [m]. Shape (n,).
-        velocity_error: What its velocity may be off by, in [m]/[s], at the joint velocity of the
+        position_error: Greatest error of a centre's position, in [m]. Shape (n,).
+        velocity_error: Greatest error of its velocity, in [m]/[s], at the joint velocity of the
             last `update`; infinite before the first. Shape (n,).
         velocity_errors: The same array and what it is made from, to be filled by compiled code.
         surface_speed: Bound on the speed of any point of each link, in [m]/[s]. Shape (L,).
         is_widened: Whether a joint is measured beyond its limit, so that the bounds are wider.
-        surface_position_error: What any point of each link may be off by, in [m]. Shape (L,).
+        surface_position_error: Greatest position error of any point of each link, in [m]. Shape
+            (L,).
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class IsotropicMotion(MotionModel):
         Args:
             robot: The arm, with its limits and errors.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            operating: What joints keep to while the arm works; None: the robot's limits.
+            operating: Operating limits of the joints; None: the robot's limits.
 
         Raises:
             ArmguardError: Operating limits do not fit the robot.
@@ -115,20 +115,20 @@ class IsotropicMotion(MotionModel):
         self._fill_bounds()
 
     def update(self, v: npt.ArrayLike) -> bool:
-        """Fill `velocity_error` for the measured joint velocity, and widen the bounds if need be.
+        """Fill `velocity_error` for the measured joint velocity, and widen the bounds if necessary.
 
         Compiled code may do the first by `fill_velocity_errors`, and need only call this where a
         joint is measured beyond its limit, or was in the last call, or other limits are in force.
 
-        A joint that is measured faster than its limit counts with what was measured: it may be
-        so within its error, and beyond that a monitor stops anyway.
+        A joint that is measured faster than its limit counts with its measured velocity: within its
+        error this is possible, and beyond it a monitor stops the arm anyway.
 
         Args:
             v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
 
         Returns:
-            Whether a speed or acceleration bound grew: what was proved with the bounds before may
-            be false then.
+            Whether a speed or acceleration bound grew; then proofs with the earlier bounds may not
+            hold.
 
         Raises:
             ArmguardError: The vector has the wrong length or is not finite.

@@ -1,4 +1,4 @@
-"""What the motion models that bound every joint by itself have in common."""
+"""Common parts of the motion models that bound every joint by itself."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ MOST_NODES = 300
 
 
 class JointSpaceMotion(MotionModel):
-    """Displacements of all joints first, then of points of the arm.
+    """A motion model that bounds displacements of all joints, and from them those of points.
 
     Attributes:
         limits: The robot's limits and errors.
         lever: Proved levers R_j of all spheres, in [m], or 1 for a prismatic joint. Shape (n, nv).
-        slope_error: What each column of a sphere's Jacobian may be off by because of the position
+        slope_error: Greatest error of each column of a sphere's Jacobian because of the position
             errors, in [m]. Shape (n, nv).
-        position_error: What a sphere's centre may be off by, in [m]; it belongs to the contact
+        position_error: Greatest error of a sphere's centre, in [m]; it must be part of the contact
             distance. Shape (n,).
         table: Joint displacements, as `tabulate` filled it last.
     """
@@ -60,7 +60,7 @@ class JointSpaceMotion(MotionModel):
         Args:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            operating: What joints keep to while the arm works; None: the robot's limits.
+            operating: Operating limits of the joints; None: the robot's limits.
             with_velocities: Whether the table is to have velocities as well.
 
         Raises:

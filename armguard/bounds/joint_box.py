@@ -1,4 +1,4 @@
-"""How far a point can be moved while every joint stays within a range: the box of displacements.
+"""Bounds on a point's displacement while every joint stays within a range: the box.
 
 From the true configuration q0 to q0 + D along a straight path, at the fraction s of it,
 

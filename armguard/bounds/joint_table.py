@@ -1,4 +1,4 @@
-"""Where joints that are free, or brake, can be over time: ranges of displacements at a few nodes.
+"""Tables of joint displacements over time, for joints that move freely or brake.
 
 Where contact limits are stated there are ranges of velocities as well, see `fill_velocities`.
 

@@ -1,4 +1,4 @@
-"""How far a point at the end of a chain of joints can get from each joint's axis: its levers.
+"""Levers: bounds on the distance of a point of a chain of joints from each joint's axis.
 
 The lever of a point and a joint is the point's reach about the joint. Drake calls it lambda, and
 robot dynamics the moment arm at its longest.

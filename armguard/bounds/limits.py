@@ -1,4 +1,4 @@
-"""The limits of all joints for compiled code, refused unless every one of them is usable."""
+"""The limits of all joints for compiled code; each limit must be usable."""
 
 from __future__ import annotations
 

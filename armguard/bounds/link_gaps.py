@@ -1,4 +1,4 @@
-"""How distances between spheres of different links of an arm can vary.
+"""Bounds on distances between spheres of different links of an arm.
 
 Where something is between two links, it matters how near they can come. The distance of two
 spheres depends on the joints between their links alone. With one revolute joint between them its

@@ -1,4 +1,4 @@
-"""What every motion model is asked."""
+"""The interface of all motion models."""
 
 from __future__ import annotations
 
@@ -57,9 +57,9 @@ class MotionModel(ABC):
     ) -> float:
         """Bound on a point's displacement along a direction at every time in [0, t], in [m].
 
-        The displacement is counted from where the point truly is at the state's stamp. What that
-        place may be off by belongs to the contact distance instead; all else that joint errors do
-        is included.
+        The displacement is measured from the point's true position at the state's stamp. The error
+        of this position must be part of the contact distance; all other effects of joint errors are
+        included.
 
         Args:
             q: Measured joint positions, in [rad] or [m]. Shape (nv,).
@@ -73,9 +73,9 @@ class MotionModel(ABC):
             Never negative, and never falling as t grows.
 
         Raises:
-            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a negative
-                time, or a direction that is no unit vector; but for `IsotropicMotion` also a state
-                beyond its limits by more than its errors.
+            ArmguardError: The link is unknown, a shape is wrong, a value is not finite, the time is
+                negative, or the direction is not a unit vector. Except for `IsotropicMotion`, also
+                if the state is beyond its limits by more than its errors.
         """
         robot = self._robot
         position = check_vector("joint positions", q, len(robot.velocity_limit))
@@ -88,4 +88,4 @@ class MotionModel(ABC):
 
     @abstractmethod
     def _bound(self, question: Question) -> float:
-        """What `advance` says, where it is above 0."""
+        """The bound of `advance` before it is limited to at least 0."""

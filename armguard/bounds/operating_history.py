@@ -1,16 +1,16 @@
-"""Does an arm keep to its operating limits? Every joint state is tested against all before it.
+"""Tests whether an arm keeps its operating limits: each joint state against all earlier ones.
 
 What all states so far allow together is one interval for each joint's true velocity and one for its
 position. From one state to the next the velocity's upper end grows with the acceleration limit
 while it is negative, then with the operating acceleration, and never beyond the operating velocity;
 its lower end mirrors that; the position's ends move by what such velocities allow for. Each new
-state cuts the intervals down to what it says, give or take its errors; where nothing is left, the
+state cuts the intervals to its values within its errors. If an interval becomes empty, the
 operating limits were broken, or the errors were larger than stated.
 
 Motion within limits and errors never fails: rounding goes towards acceptance, as `jit.numerics` has
-it. A break is found late: a joint that speeds up twice as hard as stated shows only when it is
-faster than it could be by twice the velocity error, which takes 2 dv / A; and twice as long if the
-error goes from one end to the other meanwhile.
+it. A violation is detected with a delay: a joint with twice the stated acceleration is detected
+when its velocity exceeds the possible one by twice the velocity error. This takes 2 dv / A, or
+twice as long if the error changes from one extreme to the other meanwhile.
 """
 
 from __future__ import annotations

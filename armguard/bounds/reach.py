@@ -1,4 +1,4 @@
-"""Where a link can be at all, whatever its joints do: workspace balls.
+"""Workspace balls: the region of a link in every posture of the arm.
 
 `armguard.bounds.levers` encloses all that a point can take in a solid of revolution about the first
 revolute joint's axis; a ball with its centre on that axis contains the solid if it contains the
@@ -6,8 +6,8 @@ circles on which its outline's corners turn. Its centre is put at the height tha
 radius. Prismatic joints before that one move the ball along, by at most half their travel to
 either side of the middle. Angle limits are not used, limits of travel are.
 
-For an obstacle far away this is the tightest bound there is: the arm stays in its ball for ever,
-so the obstacle alone moves.
+For a far obstacle this is the tightest bound: the arm stays in its ball for ever, so only the
+obstacle moves.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from armguard.robot.robot import Robot
 class ReachMotion(MotionModel):
     """Balls that links cannot leave, in the world.
 
-    A ball is an obstacle's partner that stands still: with accelerations and speeds of 0, no
-    error, and its radius in the contact distance, any contact kernel takes it.
+    A ball is a body that never moves: any contact kernel can use it with acceleration, speed and
+    error 0, and with its radius in the contact distance.
 
     Attributes:
         link_balls: Centre and radius of a ball for each link, in [m], that contains all its

@@ -1,4 +1,4 @@
-"""What limits on joints mean for points of the arm: levers, and the sums taken with them.
+"""Converts limits of joints to bounds on points of the arm, by sums with levers.
 
 A lever R_j is the reach of a point of the arm about joint j: the greatest distance that it can have
 from the joint's axis, whatever the configuration (the lambda of Drake's motion bounds). It turns

@@ -1,4 +1,4 @@
-"""Contact time of a sphere whose arm is bounded joint by joint, against a free obstacle.
+"""Contact time of a sphere of an arm with bounded joints, against a free obstacle.
 
 An interval [a, b] is free of contact if some unit vector n from sphere to obstacle proves it:
 

@@ -1,7 +1,7 @@
-"""Where armguard meets others: ROS 2, MuJoCo, body-tracking kits and depth cameras.
+"""Bridges to other software: ROS 2, MuJoCo, body-tracking kits and depth cameras.
 
-Three modules are imported by their names: `armguard.bridges.mujoco`, which needs a package of its
-own, `armguard.bridges.depth` and `armguard.bridges.skeletons`, which a camera's node needs alone.
+Three modules must be imported by name: `armguard.bridges.mujoco`, which needs the package mujoco,
+and `armguard.bridges.depth` and `armguard.bridges.skeletons`, which only camera nodes need.
 """
 
 from armguard.bridges.messages import JointStateReader, ObstacleReader

@@ -1,9 +1,9 @@
-"""Depth images as clouds of points, and which pixels of them are no obstacle's.
+"""Converts depth images to point clouds, and finds pixels that are not obstacles.
 
-A depth camera gives an image: in each pixel, how far away along its axis the surface is that the
-pixel sees. Three errors of such images matter beside the usual noise. *Holes* are pixels without a
-depth. *Flying pixels* lie at the edge of a surface, somewhere between it and what is behind it,
-where in truth there is nothing. And the *background* is seen with noise as well.
+A depth camera gives an image with the depth of the visible surface in each pixel, along the
+camera's axis. Apart from usual noise, three effects matter. *Holes* are pixels without a depth.
+*Flying pixels* are at edges of surfaces: their depth is somewhere between the surface and what is
+behind it, where nothing exists. And the *background* is measured with noise as well.
 
 Points are in the optical frame, as ROS and the makers of cameras have it: x to the right of the
 image, y down, z forward along the axis.
@@ -34,7 +34,7 @@ SUBPIXEL = 0.08
 
 @dataclasses.dataclass(frozen=True)
 class PinholeCamera:
-    """What makes points of a depth image without distortion.
+    """A pinhole camera, which converts a depth image without distortion to points.
 
     A pixel (u, v) of depth z is the point (z (u - c_x) / f_x, z (v - c_y) / f_y, z).
 
@@ -42,8 +42,8 @@ class PinholeCamera:
         focal_length: f_x and f_y, in [pixels].
         center: c_x and c_y, in [pixels]; the centre of the first pixel is (0, 0).
         scale: Metres in a unit of the image: 0.001 for millimetres.
-        nearest: Depths below are none, in [m].
-        farthest: Depths above are none, in [m].
+        nearest: Least depth, in [m]; smaller ones count as missing.
+        farthest: Greatest depth, in [m]; larger ones count as missing.
 
     Raises:
         ArmguardError: A number is not finite, or not above 0 where it has to be.
@@ -70,7 +70,7 @@ class PinholeCamera:
             )
 
     def read(self, image: ArrayLike) -> Array:
-        """Depths of an image in [m], NaN where there is none. Shape (height, width).
+        """Depths of an image in [m], NaN where missing. Shape (height, width).
 
         Args:
             image: In units of `scale`; 0, negative, not finite, nearer than `nearest` or farther
@@ -93,8 +93,8 @@ class PinholeCamera:
     def place(self, depth: Array) -> Array:
         """Points of all pixels, row by row, NaN where there is none.
 
-        Hand over the holes as well: a source whose clouds are holes for the greater part is not
-        believed, and a covered lens looks like that.
+        Pass the holes on as well: a source whose clouds are mostly holes is not believed, since a
+        covered lens looks like that.
 
         Args:
             depth: In [m]. Shape (height, width).
@@ -111,7 +111,7 @@ class PinholeCamera:
         return points.reshape(-1, 3)
 
     def position_error(self, depth: float, error: float, shape: tuple[int, int]) -> float:
-        """What points up to a depth may be off by, for `update_cloud(…, position_error=…)`, in [m].
+        """Greatest error of points up to a depth, for `update_cloud(…, position_error=…)`, in [m].
 
         An error of the depth moves a point along its ray, which is longer than the depth, the most
         in a corner of the image. What lies between points is not measured: half the diagonal
@@ -134,7 +134,7 @@ class PinholeCamera:
 def stereo_error(
     depth: ArrayLike, focal_length: float, baseline: float, subpixel: float = SUBPIXEL
 ) -> Array:
-    """What depths of a stereo camera may be off by, in [m]; it grows with the square of the depth.
+    """Greatest error of depths of a stereo camera, in [m]; it grows with the square of the depth.
 
     Disparity is d = f B / z. If it is off by s pixels, where z is measured the surface is at
     f B / (d - s) at most, farther by s z² / (f B - s z) [Grunnet]_; nearer it is by less. For s,
@@ -164,7 +164,7 @@ def stereo_error(
 
 
 def find_flying(depth: Array, step: float, reach: int = 2) -> Mask:
-    """Pixels of a depth image that may be no surface at all.
+    """Flying pixels of a depth image, which may show no surface.
 
     A pixel is one if another is nearer by more than `step`, no more than `reach` rows and columns
     away; or if none of its eight neighbours is within `step` of it. Holes are none.
@@ -217,7 +217,7 @@ def _find_nearest_around(depth: Array) -> Array:
 
 
 class Background:
-    """How far a camera sees where nothing but the cell itself is, pixel by pixel.
+    """The background of a camera: depths of the empty cell, pixel by pixel.
 
     Shown images of the empty cell, it keeps the least depth of each pixel and its eight neighbours,
     so that edges of the background are background even where their pixels fly. What is farther, or

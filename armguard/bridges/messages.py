@@ -1,11 +1,10 @@
-"""What messages of ROS 2 mean here: joint states, and bodies that perception has published.
+"""Reads messages of ROS 2: joint states, and bodies that perception has published.
 
-It is the same for a recording (`armguard.recording`) and a running bridge
-(`armguard.bridges.ros2`): a message is anything that has the fields of its type, whichever library
-made it. None of these messages brings velocities of obstacles with an error, so none is used: any
-within the bounds is assumed. A message of a kind that says nothing of sizes is made of balls of one
-radius. What has a shape that is no hull of eight points is bounded by one that contains it, or
-refused.
+Recordings (`armguard.recording`) and the running bridge (`armguard.bridges.ros2`) share this
+module: a message is any object with the fields of its type. These messages have no errors of
+velocities, so their velocities are not used: any velocity within the bounds is assumed. Bodies of
+message types without sizes are balls of one radius. A shape that is not a hull of eight points is
+replaced by one that contains it, or refused.
 """
 
 from __future__ import annotations

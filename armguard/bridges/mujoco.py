@@ -1,4 +1,4 @@
-"""MuJoCo simulations: moving bodies as obstacles, joint states by name, and an arm to simulate.
+"""Bridge to MuJoCo: moving bodies as obstacles, joint states by name, and a simulated arm.
 
 Positions and velocities are read at the present `qpos` and `qvel`. After `mj_step` what MuJoCo has
 computed of bodies belongs to the step before, so reading brings kinematics and velocities up to

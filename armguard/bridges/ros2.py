@@ -1,4 +1,4 @@
-"""A monitor behind messages of ROS 2: all that a node does beside sending and receiving.
+"""A monitor for a ROS 2 node: everything except sending and receiving messages.
 
 It needs no ROS: messages are anything with the fields of their types. All times are of one clock,
 the node's: system time, or that of a simulation with `use_sim_time`. They are counted from its

@@ -1,9 +1,10 @@
-"""What body-tracking kits say of people: one record of joints, whichever kit it comes from.
+"""Reads joints of people from body-tracking kits into one record, whatever the kit.
 
-Each kit has lists of joints of its own, units, layouts of its JSON, and a meaning of confidence.
-Here they become positions in [m] by one set of names, with a threshold below which a joint counts
-as hidden: what a kit predicts or guesses is no measurement. `armguard.people.Skeleton` makes
-obstacles of them. Axes stay the kit's: the cell's frames say where the camera stands.
+Each kit has its own list of joints, units, JSON layout, and meaning of confidence. This module
+converts them to positions in [m] with one set of names. A joint below a threshold of confidence
+counts as hidden: a predicted or guessed joint is not a measurement. `armguard.people.Skeleton`
+makes obstacles from them. Axes are those of the kit: the cell's frames state the pose of the
+camera.
 
 | kit | joints | unit | confidence | hidden below | published in |
 |---|---|---|---|---|---|
@@ -14,7 +15,8 @@ obstacles of them. Axes stay the kit's: the cell's frames say where the camera s
 
 Kinect's level 1 is "not observed (likely due to occlusion), predicted joint pose". A body of ZED
 whose tracking state is SEARCHING is a prediction, too. ZED's and MediaPipe's thresholds are half of
-their scales, which say nothing of metres: measure what yours are worth (`armguard people`).
+their scales, which are unrelated to errors in metres: measure the errors of your camera with
+`armguard people`.
 """
 
 from __future__ import annotations
@@ -52,17 +54,17 @@ _PREDICTED = {"SEARCHING", "TERMINATE", "2", "3"}  # of ZED, as text or as numbe
 
 
 class JointModel(NamedTuple):
-    """What a kit's list of joints is."""
+    """The list of joints of a kit, its unit and its confidence."""
 
     name: str
     joints: tuple[str, ...]
     """Names, in the kit's order."""
     unit: float
-    """Of its positions, in [m]."""
+    """Unit of its positions, in [m]."""
     most: float
-    """Confidences go from 0 to this."""
+    """Greatest confidence; the least is 0."""
     threshold: float
-    """Joints of less confidence are hidden."""
+    """Confidence below which a joint is hidden."""
 
 
 def _both(*ends: str) -> tuple[str, ...]:
@@ -129,19 +131,19 @@ class TrackedBody(NamedTuple):
     """One person in one frame."""
 
     person: str
-    """Of the kit's tracking; "person" for one who is not tracked and alone."""
+    """Id by the kit's tracking; "person" for a single person without tracking."""
     model: JointModel
     position: Array
-    """[m]; NaN where there is no number. Shape (n, 3)."""
+    """Positions in [m]; NaN where missing. Shape (n, 3)."""
     confidence: Array
-    """As the kit has it; NaN where it has none. Shape (n,)."""
+    """Confidence on the kit's scale; NaN where missing. Shape (n,)."""
 
     def find_seen(self, threshold: float | None = None) -> dict[str, Array]:
         """Positions of joints that are not hidden, by name, in [m].
 
         Args:
-            threshold: Of confidence; None: the model's. With 0, joints without a confidence count
-                as seen as well.
+            threshold: Confidence below which a joint is hidden; None: the model's. With 0, joints
+                without a confidence are visible as well.
         """
         least = self.model.threshold if threshold is None else threshold
         sure = self.confidence >= least
@@ -152,31 +154,31 @@ class TrackedBody(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """What a camera saw at one time."""
+    """The people that a camera saw at one time."""
 
     stamp: float
-    """[s], of the camera's clock unless another was given."""
+    """Time of measurement in [s], on the camera's clock unless another was given."""
     bodies: tuple[TrackedBody, ...]
 
 
 class SkeletonRecording(NamedTuple):
-    """What a file holds."""
+    """The content of a recording."""
 
     kit: str
     frames: list[Frame]
     bad_frames: Counter[str]
-    """Frames that could not be read, by what was wrong with them."""
+    """Number of unreadable frames, by their fault."""
 
 
 class SkeletonReader:
-    """Reads frames of one kit, as they come or from a file.
+    """Reads frames of one kit, from a stream or a file.
 
     Args:
         unit: Of positions, in [m]; None: the kit's.
 
     Attributes:
-        kit: Of the frames that were read; "" before the first one.
-        bad_frames: How many could not be read, by what was wrong with them.
+        kit: Kit of the frames so far; "" before the first one.
+        bad_frames: Number of unreadable frames, by their fault.
 
     Raises:
         ArmguardError: The unit is no length.
@@ -190,10 +192,10 @@ class SkeletonReader:
         self.bad_frames: Counter[str] = Counter()
 
     def take(self, message: object, stamp: float | None = None) -> Frame | None:
-        """Reads a frame of a stream; a bad one is counted, and None.
+        """Reads a frame of a stream; a bad frame is counted, and None is returned.
 
-        Then nothing must be sent of it, not even a heartbeat: a camera that says nothing
-        intelligible is silent.
+        Then nothing may be sent for it, not even a heartbeat: a camera with unreadable frames must
+        count as silent.
 
         Args:
             message: See `read`.
@@ -209,8 +211,8 @@ class SkeletonReader:
         """Count a frame that could not be read.
 
         Args:
-            problem: What was wrong with it; after `MOST_PROBLEMS` different ones all others are
-                counted together.
+            problem: The fault; after `MOST_PROBLEMS` different faults, all others are counted
+                together.
         """
         is_known = problem in self.bad_frames or len(self.bad_frames) < MOST_PROBLEMS
         self.bad_frames[problem if is_known else "something else was wrong"] += 1
@@ -220,10 +222,11 @@ class SkeletonReader:
 
         Args:
             message: An object of JSON, as text or decoded.
-            stamp: When it was seen, in [s] of the monitor's clock; None: the frame's own stamp.
+            stamp: Time of measurement, in [s] of the monitor's clock; None: the frame's own stamp.
 
         Raises:
-            ArmguardError: It is no frame of a kit, or is malformed; the message says what is wrong.
+            ArmguardError: It is not a frame of a kit, or is malformed; the message says what is
+                wrong.
         """
         if isinstance(message, str | bytes):
             message = _decode(message)
@@ -266,15 +269,15 @@ class SkeletonReader:
 def read_recording(
     path: Path, *, rate: float | None = None, unit: float | None = None
 ) -> SkeletonRecording:
-    """Reads a file of a kit: JSON, a line of JSON for each frame, or a folder of OpenPose's files.
+    """Reads a recording: JSON, lines of JSON with one frame each, or a folder of OpenPose's files.
 
     Args:
         path: The file or folder.
-        rate: Frames a second, in [Hz], where frames have no stamps, as OpenPose's.
+        rate: Frame rate, in [Hz], if frames have no stamps, as those of OpenPose.
         unit: Of positions, in [m]; None: the kit's.
 
     Raises:
-        ArmguardError: It cannot be read, or has no frame that is one of a kit.
+        ArmguardError: It cannot be read, or has no frame of a kit.
     """
     reader = SkeletonReader(unit)
     if rate is not None and not (0.0 < rate < math.inf):

@@ -1,6 +1,7 @@
 """Earliest contact of two bounded bodies, with certificates and their verifier.
 
-The faces take arrays; kernels for balls and hulls stand in `advancement` and `hull_advancement`.
+The public functions take arrays; the kernels for balls and hulls are in `advancement` and
+`hull_advancement`.
 """
 
 from typing import TYPE_CHECKING

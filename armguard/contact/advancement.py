@@ -1,11 +1,11 @@
 """Conservative advancement: the earliest possible contact of a sphere and a moving rounded hull.
 
-Begin with the separating direction that points at where the other body is now. Follow its gap to
-its root; turn it to where the bodies have been carried by then along their velocities, each no
-longer than until its saturation time, when it may have reached its speed bound; follow the new gap
-from there, and so on. Each time on the way is a proven lower bound, and more
-advances come closer: without speed bounds to the smallest root of the quartic, quadratically.
-How the rounding is accounted for is told in `gap`.
+It begins with the separating direction towards the present position of the other body, and follows
+its gap to its root. Then it turns the direction to the positions that the bodies have by then along
+their velocities, each at most until its saturation time, when it may have reached its speed bound.
+It follows the new gap from there, and so on. Each time on the way is a proven lower bound, and more
+advances come closer: without speed bounds to the smallest root of the quartic, quadratically. `gap`
+explains how rounding is accounted for.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Arguments of the array faces of `earliest`: checked, broadcast, and laid out for the kernels."""
+"""Checks, broadcasts and packs the array arguments of `earliest` for the kernels."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read_bounds(name: str, value: ArrayLike) -> FloatArray:
 def check_advances(advances: int) -> int:
     """A number of advances that makes sense."""
     if isinstance(advances, bool) or not isinstance(advances, (int, np.integer)) or advances < 1:
-        raise ArmguardError("advances", f"is {advances!r}", expected="a whole number from 1 on")
+        raise ArmguardError("advances", f"is {advances!r}", expected="an integer from 1 on")
     return int(advances)
 
 

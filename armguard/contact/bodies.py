@@ -1,4 +1,4 @@
-"""What compiled code is told of two bodies: where they are, how they move, and their bounds."""
+"""Arguments of compiled code about two bodies: positions, velocities and bounds."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from armguard.jit.arrays import FloatArray
 
 
 class Bounds(NamedTuple):
-    """What holds a body back, and how old its state is."""
+    """Bounds of a body's motion, and the age of its state."""
 
     accel: float
     """Bound on its acceleration, in [m/s²]; inf: none."""
     speed: float
     """Bound on its speed, in [m/s]; inf: none."""
     velocity_error: float
-    """What its measured velocity may be off by, in [m/s]."""
+    """Greatest error of its measured velocity, in [m/s]."""
     age: float
     """Now minus its stamp, in [s]; negative where that is newer than now."""
 

@@ -1,4 +1,4 @@
-"""Check a certificate of no contact in exact arithmetic, trusting nothing of how it was found.
+"""Checks a certificate of no contact in exact arithmetic, independently of how it was computed.
 
 A certificate lists separating directions and the times at which they take over. While a direction
 is in charge, its gap is concave in time, so it is positive throughout if it is positive at the
@@ -58,7 +58,7 @@ def verify(
     """Whether `certificate` proves that there is no contact before its `contact_time`.
 
     The inputs are those of `armguard.contact.certify`, read as the real numbers they stand for.
-    A time of 0 claims nothing and is proved by nothing.
+    A time of 0 claims nothing and needs no proof.
 
     Returns:
         True only if every claim holds. False for a wrong, incomplete or malformed certificate and
@@ -234,7 +234,7 @@ def _advance(body: _Body, closing: Fraction, receding: Fraction, s: Fraction) ->
 
 
 def _drift(body: _Body) -> Fraction | None:
-    """How far the body gets in the time that its stamp may be off by; None: anywhere."""
+    """How far the body can move within its clock error; None: anywhere."""
     if body.clock_error == 0:
         return body.clock_error
     return None if body.top_speed is None else body.top_speed * body.clock_error

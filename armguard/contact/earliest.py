@@ -1,18 +1,18 @@
-"""Earliest possible contact of two bounded bodies: the faces of the kernels, and their contract.
+"""Earliest possible contact of two bounded bodies: the public functions and their contract.
 
-For all float64 inputs a contact time is never NaN and never above the exact one of the same inputs
-read as real numbers; NaN anywhere gives 0. Why that is so is told in `gap`, in short: any unit
-vector proves the absence of contact as long as its gap is positive, so rounding has to be accounted
-for in one gap and its root only, and it always is on the side of contact:
+For all float64 inputs, a contact time is never NaN, and never above the exact contact time of the
+same inputs read as real numbers; NaN anywhere gives 0. `gap` proves this. In short: any unit vector
+proves the absence of contact as long as its gap is positive. So rounding must be accounted for only
+in one gap and its root, always on the side of contact:
 
 - from a gap 16 e (e = 2**-53) of all lengths in it are subtracted, against some 13 e lost;
 - 16 e of |v| is added to a speed along a direction, so that one which cancels loses nothing;
 - a step to the root is shortened by 16 e against 10 e lost, and its sum with the time so far too;
 - what is too small or large to round relatively is taken for the worse: TINY, LARGE, SHORTEST.
 
-`advancement` tells how separating directions are chosen, which costs tightness only. Here arguments
-are checked and broadcast (`arguments`) and clock errors turned into distances. Position errors
-belong into `contact_distance`.
+`advancement` describes how separating directions are chosen, which affects tightness only. This
+module checks and broadcasts arguments (`arguments`) and converts clock errors to distances.
+Position errors must be added to `contact_distance`.
 """
 
 from __future__ import annotations
@@ -47,13 +47,14 @@ class Certificate(NamedTuple):
     """
 
     contact_time: float
-    """From now, in [s]; inf if there is never contact."""
+    """Contact time from now, in [s]; inf if there is never contact."""
 
     times: FloatArray
-    """When each direction takes over, in [s], from 0 on and rising. Shape (k,)."""
+    """Time from which each direction is used, in [s], increasing from 0. Shape (k,)."""
 
     witnesses: FloatArray
-    """Separating directions, from body 1 to body 2, of length 1 but for rounding. Shape (k, 3)."""
+    """Separating directions, from body 1 to body 2, of length 1 except for rounding. Shape (k,
+    3)."""
 
 
 @kernel
@@ -117,16 +118,16 @@ def earliest_contact(
     acceleration stays within `accel` and whose speed stays within `speed`. All arguments broadcast.
 
     Args:
-        position: Of one body relative to the other, in [m]. Shape (..., 3).
+        position: Position of one body relative to the other, in [m]. Shape (..., 3).
         velocity: Its derivative, in [m/s]. Shape (..., 3).
         contact_distance: Centre distance at contact, in [m], 0 or more. Shape (...).
         accel: Bound on the relative acceleration, in [m/s^2], inf if there is none. Shape (...).
         speed: Bound on the relative speed, in [m/s], inf if there is none. Shape (...).
-        advances: The most advances: more come closer, and every number is safe.
+        advances: Greatest number of advances; more give a tighter time, and every number is safe.
 
     Returns:
-        Times in [s], 0 where contact is possible now or any input is NaN, inf where it never is.
-        Shape (...); a float if every argument is a single one.
+        Times in [s]; 0 if contact is possible now or any input is NaN, inf if it is never possible.
+        Shape (...); a float if every argument is scalar.
 
     Raises:
         ArmguardError: A bound or distance is negative, or shapes do not fit.
@@ -159,7 +160,7 @@ def earliest_contact_pair(
     clock_error2: ArrayLike = 0.0,
     advances: int = 8,
 ) -> Any:
-    """Earliest time at which two bodies could touch, each with bounds of its own (all broadcast).
+    """Earliest time at which two bodies could touch, each with its own bounds (all broadcast).
 
     Tighter than the relative form with the bounds added up.
 
@@ -167,8 +168,8 @@ def earliest_contact_pair(
         p1: Position of body 1 at its stamp, in [m]. Shape (..., 3).
         v1: Its velocity, in [m/s]. Shape (..., 3).
         a1: Bound on its acceleration, in [m/s^2], inf if there is none. Shape (...).
-        s1: Bound on its speed, in [m/s], inf if there is none. A body that is measured to be
-            faster counts with its speed and error instead. Shape (...).
+        s1: Bound on its speed, in [m/s], inf if there is none. If the measured speed is greater,
+            the measured speed plus its error is the bound. Shape (...).
         p2: As for body 1. Shape (..., 3).
         v2: As for body 1. Shape (..., 3).
         a2: As for body 1. Shape (...).
@@ -176,16 +177,16 @@ def earliest_contact_pair(
         contact_distance: Both radii, margin and position errors, in [m]. Shape (...).
         age1: Now minus the stamp of body 1, in [s], negative for a newer one. Shape (...).
         age2: As for body 1. Shape (...).
-        velocity_error1: How far the velocity of body 1 may be off, in [m/s]. Shape (...).
+        velocity_error1: Greatest error of the velocity of body 1, in [m/s]. Shape (...).
         velocity_error2: As for body 1. Shape (...).
-        clock_error1: How far the stamp of body 1 may be off, either way, in [s]. The body may be
-            anywhere within that time's way at the speed that bounds it. Shape (...).
+        clock_error1: Greatest error of the stamp of body 1, either way, in [s]. It adds the
+            distance that the body can move in this time at its speed bound. Shape (...).
         clock_error2: As for body 1. Shape (...).
-        advances: The most advances: more come closer, and every number is safe.
+        advances: Greatest number of advances; more give a tighter time, and every number is safe.
 
     Returns:
-        Times from now in [s], 0 where contact is possible now or any input is NaN, inf where it
-        never is. Shape (...); a float if every argument is a single one.
+        Times from now in [s]; 0 if contact is possible now or any input is NaN, inf if it is never
+        possible. Shape (...); a float if every argument is scalar.
 
     Raises:
         ArmguardError: A bound, error or distance is negative, or shapes do not fit.
@@ -218,10 +219,10 @@ def earliest_contact_hull(
     clock_error2: ArrayLike = 0.0,
     advances: int = 8,
 ) -> Any:
-    """`earliest_contact_pair` where body 2 is the rounded hull of up to eight moving points.
+    """`earliest_contact_pair` with the rounded hull of up to eight moving points as body 2.
 
-    All arguments are as there, but for `p2` and `v2`, whose shape is (..., k, 3): k = 1 is a ball,
-    2 a capsule, 8 a box. Bounds, age and error of body 2 hold for each of its points.
+    All arguments are as there, except that `p2` and `v2` have the shape (..., k, 3): k = 1 is a
+    ball, 2 a capsule, 8 a box. Bounds, age and error of body 2 hold for each of its points.
     """
     steps = check_advances(advances)
     shape, pairs = read_pairs(
@@ -252,7 +253,7 @@ def certify(
     clock_error2: float = 0.0,
     advances: int = 8,
 ) -> Certificate:
-    """The contact time of one pair together with its proof.
+    """The contact time of one pair with its proof.
 
     Arguments are as for `earliest_contact_pair`, for a single pair; `p2` and `v2` have the shape
     (3,), or (k, 3) for the rounded hull of up to eight points. The time is the same, to the bit.

@@ -1,4 +1,4 @@
-"""How long one direction keeps two bounded bodies apart, in compiled code.
+"""Compiled code for the time during which one direction separates two bounded bodies.
 
 A unit vector n, the *separating direction*, proves that a sphere (body 1) and a point (body 2) are
 apart at time t if

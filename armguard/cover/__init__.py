@@ -1,6 +1,6 @@
 """Trees of spheres for the arm's links, proved to contain their surfaces.
 
-Fitting, the proof, reports, growing of spheres that are none yet, and other programs' files.
+Contains fitting, the proof, reports, inflation of imported spheres, and other tools' files.
 """
 
 from typing import TYPE_CHECKING

@@ -1,9 +1,9 @@
 """`Cover`: a tree of spheres for each link, proved to contain the link's whole surface.
 
-The sphere sets that come with VAMP and cuRobo are fitted to samples, and leave a fifth to a half
-of Panda's surface uncovered. A cover here is a proof object: `check` shows, from the triangles
-alone, that each piece of surface lies inside a leaf and inside every ball above that leaf. So any
-set of nodes that cuts all paths from the root (a level, or a descent stopped anywhere) covers all.
+The sphere sets of VAMP and cuRobo are fitted to samples, and leave 20 % to 50 % of Panda's surface
+uncovered. A cover here is a proof object: `check` proves, from the triangles alone, that each piece
+of surface is inside a leaf and inside every ball above that leaf. So any set of nodes that cuts all
+paths from the root (a level, or a descent stopped anywhere) covers the whole link.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ SMALLEST, LARGEST = 5e-4, 10.0
 FARTHEST = 100.0
 """How far a link may be from the origin of its joint, in [m]."""
 MOST_SPHERES = 500
-"""More leaves a link would take hours to fit, and slow down each tick."""
+"""Greatest number of leaves per link; more would take hours to fit, and slow down each tick."""
 MOST_KEPT = 64
 """Fitted trees that are kept: those of the links of a few arms and of what they hold."""
 
 
 class Surfaces(Protocol):
-    """What has links with surfaces: a `Robot`."""
+    """An object with links and their surfaces, such as a `Robot`."""
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -55,7 +55,7 @@ class Cover:
     """A tree of spheres for each link.
 
     Args:
-        trees: One for each link.
+        trees: A sphere tree for each link.
         geometry: Digest of each link's surface, as `hash_surface` makes it.
     """
 
@@ -79,10 +79,11 @@ class Cover:
         """Fit and prove a cover; the same robot gives the same cover.
 
         Args:
-            robot: Whose links to cover.
-            spheres: At most so many leaves a link, which stick out as little as possible.
-            protrusion: How far leaves may stick out, in [m]: as few as possible. If neither is
-                given, `DEFAULT_PROTRUSION`. Large open shells may miss it: see `check`.
+            robot: The robot whose links to cover.
+            spheres: Greatest number of leaves per link; they stick out as little as possible.
+            protrusion: How far leaves may stick out, in [m]; the number of leaves is as small as
+                possible. If neither is given, `DEFAULT_PROTRUSION`. Large open shells may exceed
+                it: see `check`.
             on_link: Called with the name of each link before it is fitted, to show progress.
 
         Raises:
@@ -129,7 +130,7 @@ class Cover:
         return self._geometry[link]
 
     def levels(self, link: str) -> int:
-        """How many levels a link has: one more than the depth of its deepest leaf."""
+        """Number of levels of a link: one more than the depth of its deepest leaf."""
         return int(_compute_depths(self.tree(link)).max()) + 1
 
     def spheres(self, link: str, level: int = -1) -> FloatArray:
@@ -153,13 +154,14 @@ class Cover:
         return chosen
 
     def cut(self, level: int) -> Cover:
-        """The same cover without what lies below a level: fewer spheres, and larger ones.
+        """The same cover without the nodes below a level: fewer and larger spheres.
 
-        What a ball of that level owns of the surface is inside it, whether or not it is refined, so
-        what is left is a cover too; its proof is the whole one's.
+        A ball of that level contains all of the surface that it owns, whether or not it is refined.
+        So the result is a cover too, by the same proof.
 
         Args:
-            level: From 0, one ball a link; links that have fewer levels keep all of theirs.
+            level: Finest level to keep, from 0, one ball per link; links with fewer levels keep
+                all.
 
         Raises:
             CoverError: No link has such a level.
@@ -171,11 +173,11 @@ class Cover:
         return Cover(trees, self._geometry)
 
     def prove(self, robot: Surfaces, name: str) -> None:
-        """Make sure that this cover was made for this geometry, and contains it.
+        """Prove that this cover was made for this geometry, and contains it.
 
         Args:
-            robot: Whose links it is to cover.
-            name: Of the cover, in errors.
+            robot: The robot whose links it must cover.
+            name: Name of the cover in errors.
 
         Raises:
             CoverError: It was made for other geometry, or does not contain it.
@@ -188,9 +190,10 @@ class Cover:
     def check(self, robot: Surfaces) -> CoverReport:
         """Prove for every link that all of its surface is inside its spheres.
 
-        A triangle whose corners are in a ball is inside it, balls being convex; one that is in
-        no leaf and its ancestors is bisected until its parts are, or until a corner is seen to be
-        outside of all. Distances are rounded up and radii reduced by what the digest leaves open.
+        A triangle is inside a ball if its corners are, since balls are convex. A triangle that is
+        not inside a leaf and its ancestors is bisected until its parts are, or until a corner is
+        outside of all. Distances are rounded up, and radii are reduced by the resolution of the
+        digest.
 
         Raises:
             CoverError: The cover is for other links.
@@ -209,7 +212,7 @@ class Cover:
         )
 
     def verify(self, robot: Surfaces) -> None:
-        """Make sure that this cover was made for exactly this geometry.
+        """Check that this cover was made for exactly this geometry.
 
         Raises:
             CoverError: It was not; the message names the first link that differs.

@@ -1,7 +1,7 @@
-"""Spheres that cover a robot in part: how much they leave out, and a proved cover grown from them.
+"""Measures what imported spheres leave uncovered, and enlarges them to a proved cover.
 
-Of the sets that come with planners, none covers its robot's surface. Growing each sphere where it
-stands keeps a planner and the monitor talking of the same spheres; a fitted cover is tighter.
+No sphere set of a planner covers its robot's surface. If each sphere is enlarged without being
+moved, planner and monitor use corresponding spheres; a fitted cover is tighter.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is known of a cover: is it proved, how many balls, how far they stick out, how much volume.
+"""Reports about a cover: whether it is proved, its number of balls, protrusion and volume.
 
 The proof is that of `containment`. The figures beside it are for people: protrusion is measured
 on the surface of the leaves, volumes on a grid of points.
@@ -22,22 +22,23 @@ _CELLS = 3000  # points in the box around a link's leaves
 
 @dataclass(frozen=True)
 class LinkReport:
-    """What is known of one link's cover."""
+    """Report about one link's cover."""
 
     proved: bool
-    """Every piece of surface is inside a leaf and all balls above it."""
+    """Whether every piece of surface is proved to be inside a leaf and all balls above it."""
     count: int
     """Number of leaves."""
     max_protrusion: float
-    """No point of a leaf is farther from the link than this, in [m]."""
+    """Greatest distance of a leaf's point from the link, in [m]."""
     mean_protrusion: float
     """Distance to the link, averaged over the surface of the union of leaves, in [m]."""
     area: float
-    """Of the surface of the union of leaves, in [m²]; measured on a few hundred points a leaf."""
+    """Area of the surface of the union of leaves, in [m²]; measured on a few hundred points per
+    leaf."""
     union_volume: float
-    """Of the union of leaves, in [m³]; measured on a grid."""
+    """Volume of the union of leaves, in [m³]; measured on a grid."""
     link_volume: float
-    """Of the link, in [m³], measured on the same grid; 0 where its surface encloses nothing."""
+    """Volume of the link, in [m³], measured on the same grid; 0 if its surface encloses nothing."""
 
     @property
     def volume_ratio(self) -> float:
@@ -47,7 +48,7 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class CoverReport:
-    """The outcome of `Cover.check`, by link and in all."""
+    """The result of `Cover.check`, by link and in total."""
 
     links: dict[str, LinkReport]
 
@@ -63,7 +64,7 @@ class CoverReport:
 
     @property
     def max_protrusion(self) -> float:
-        """No point of a leaf is farther from its link than this, in [m]."""
+        """Greatest distance of a leaf's point from its link, in [m]."""
         return max(link.max_protrusion for link in self.links.values())
 
     @property

@@ -1,10 +1,10 @@
-"""How far points are from a surface of triangles, and on which side of it: what makes spheres fit.
+"""Signed distances of points from a surface of triangles, for fitting spheres.
 
-Many meshes are shells, or have parts inside. What counts is how far a point is from what can be
-touched from outside, so cavities are found by flooding a grid, triangles that stay dry are left
-out, and a point is inside if it lies in a cavity or if the surface winds around it (the generalised
-winding number, which tolerates holes, duplicate faces and inverted winding). Nothing that must be
-proved rests on it: only how tight a fit is, and the protrusion that is reported.
+Many meshes are shells, or have parts inside. Only distances from the outer surface matter. So
+cavities are found by flooding a grid from outside, and triangles that the flood does not reach are
+left out. A point is inside if it is in a cavity, or if the surface winds around it (generalised
+winding number, which tolerates holes, duplicate faces and inverted winding). No proof uses these
+distances: they determine only how tight a fit is, and the reported protrusion.
 """
 
 from __future__ import annotations

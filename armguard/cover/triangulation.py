@@ -1,9 +1,9 @@
-"""The surface of collision geometry: arrays out, whatever Coal's shape was.
+"""Converts collision geometry of Coal to arrays of its surface.
 
 Covers are fitted to pieces of surface and proved from them: boxes, meshes, spheres and capsules are
 given exactly, a cylinder as a prism that contains it. Exact hulls need points, and drawings need
-triangles: for these, round shapes are polyhedra that contain them. What cannot be turned into
-triangles is refused by name: geometry never vanishes.
+triangles: for these, round shapes are polyhedra that contain them. Geometry that cannot be
+converted is refused by name: geometry never vanishes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Compiled kernels and what they share: cache, progress, handles, layout of arrays, numerics.
+"""Compiled kernels and their common parts: cache, progress, handles, array layout, numerics.
 
 Every kernel of armguard is compiled by `kernel`, which keeps it under a digest of all sources that
 went into it, and many arrays cross to it at once by `pack`.

@@ -1,4 +1,4 @@
-"""Types of arrays, by what their elements are; shapes and units stand where they are used."""
+"""Types of arrays by element type; docstrings at their use have shapes and units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels that a wheel carries, so that a start from it compiles none.
+"""Compiled kernels in a wheel, so that a start from it compiles nothing.
 
 They are made by `armguard kernels --carry` for a common level of processors, x86-64-v3 (AVX2 and
 FMA: Intel's since 2013, AMD's since 2015), and lie in the package, in folders that are named by the

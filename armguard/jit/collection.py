@@ -1,4 +1,4 @@
-"""A pause of Python's garbage collection while kernels are compiled.
+"""Pauses Python's garbage collection while kernels are compiled.
 
 Numba makes millions of objects for a start's kernels, and keeps most of them until each is done. To
 go through them all again and again takes 6 % of the time and frees next to nothing.
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def pause_collection() -> Iterator[None]:
-    """Inside, the collector is off; afterwards it is as it was before."""
+    """Context in which the collector is off; restores its state afterwards."""
     was_on = gc.isenabled()
     gc.disable()
     try:

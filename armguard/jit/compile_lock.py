@@ -1,4 +1,4 @@
-"""Locks under which kernels are compiled: one process compiles each, the others load what it made.
+"""Locks for compilation: one process compiles each kernel, and the others load the result.
 
 Two processes that start at once find the same cache empty. Without locks both compile everything,
 at twice the price; and of two that add to a kernel's index at once, one loses what it added.
@@ -28,7 +28,7 @@ _held: set[Path] = set()
 
 @contextlib.contextmanager
 def hold_compile_lock(path: Path) -> Iterator[None]:
-    """Inside, no other process has the same lock, or it has had it for far too long.
+    """Context in which no other process has the same lock, unless it keeps it far too long.
 
     The lock of a process that dies is free: the operating system releases it. Where there are no
     locks, or nothing can be written, no process is waited for. Threads of one process never ask at

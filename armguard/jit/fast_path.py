@@ -1,4 +1,4 @@
-"""Kernels by private parts of Numba: the same machine code in less than half the time.
+"""Compiles kernels with private parts of Numba: the same machine code in less than half the time.
 
 `kernels` uses this module with versions of Numba that it was tested with, and no other module of
 armguard touches these parts. What kernels compute is the same to the bit without it.

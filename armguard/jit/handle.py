@@ -1,4 +1,4 @@
-"""Many arrays as one argument: what a compiled call of every tick is handed.
+"""Handles: many arrays as one argument of a compiled call.
 
 Each array that Python hands to compiled code costs some 60 ns, and a tick needs a hundred. A handle
 on a named tuple, whatever named tuples it holds, crosses as one pointer: to a block of memory with

@@ -1,4 +1,4 @@
-"""Results that are kept, under a digest of what they were computed from.
+"""Caches results under a digest of their inputs.
 
 What is known of an arm's geometry is worked out anew for every monitor and every cover, and mostly
 of the same arm. What has changed has other bytes: nothing has to be told that it has.

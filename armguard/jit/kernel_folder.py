@@ -1,4 +1,4 @@
-"""The folder of a module's compiled kernels, named by a digest of all sources that went into them.
+"""The folder of a module's compiled kernels, named by a digest of all their sources.
 
 Numba renews a cached kernel when the kernel's own file changes, and by time stamp and size only. A
 kernel also contains the kernels and constants of other files that it uses, and files of a wheel all

@@ -1,4 +1,4 @@
-"""Arrays whose rows lie side by side in memory: what is read together is fetched together.
+"""Arrays whose rows are adjacent in memory, so that they are fetched together.
 
 Of ten thousand rows a tick reads ten, somewhere. From as many arrays as a row has fields that would
 be as many waits for memory; here a row is one record, on as few cache lines as it can be.

@@ -1,4 +1,4 @@
-"""Every rounding and slack of the project, and the codes of tests of measured states.
+"""All rounding allowances of the project, and the codes of tests of measured states.
 
 A *rounding* widens what was computed by more than its arithmetic can have lost, on the side that
 makes a bound harder to keep: it costs tightness, never safety. A *slack* lets something pass a test

@@ -1,4 +1,4 @@
-"""Tells how far the compilation of kernels is, and other long work, where it takes its time.
+"""Reports the progress of compilation and of other long work.
 
 A first start compiles for many seconds, and fitting spheres to a new arm takes minutes. Who waits
 at a terminal is told there; an application may tell it in its own way, or not at all.
@@ -25,7 +25,7 @@ PATIENCE, INTERVAL = 1.0, 0.1
 
 
 class Progress(NamedTuple):
-    """How far the compilation of this process is."""
+    """Progress of the compilation in this process."""
 
     number: int
     """Of the kernel that is compiled now, from 1 on."""
@@ -39,12 +39,12 @@ class Progress(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the next start finds what is done."""
+        """Whether the result is kept for the next start."""
         return True
 
 
 class Work(NamedTuple):
-    """How far a long piece of work is that has parts."""
+    """Progress of a long piece of work with parts."""
 
     doing: str
     """What is done to each part, the kind of part last."""
@@ -62,7 +62,7 @@ class Work(NamedTuple):
 
     @property
     def is_kept(self) -> bool:
-        """Whether the next start finds what is done."""
+        """Whether the result is kept for the next start."""
         return False
 
 
@@ -71,7 +71,7 @@ Tell = Callable[[Progress | Work | None], None]
 
 
 def show_on_terminal(progress: Progress | Work | None) -> None:
-    """Show progress in one line of standard error, and remove it, where that is a terminal."""
+    """Show progress in one line on standard error if it is a terminal; remove it at the end."""
     with contextlib.suppress(OSError, ValueError, AttributeError):  # it may be gone
         if sys.stderr.isatty():
             text = "" if progress is None else f"armguard: {progress}"
@@ -165,7 +165,7 @@ def _count_misses(compiled: Any) -> int:
 
 @contextlib.contextmanager
 def telling(tell: Tell | None) -> Iterator[None]:
-    """Inside, `tell` is told how far compilation and other long work is; None: nothing is told."""
+    """Context in which `tell` is called with the progress of compilation and other long work."""
     before, compilation.tell = compilation.tell, tell
     try:
         yield

@@ -1,1 +1,1 @@
-"""Studies, simulation and tools beside a running cell, which loads none of them."""
+"""Studies, simulations and tools; a running cell does not import them."""

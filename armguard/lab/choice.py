@@ -1,17 +1,16 @@
-"""What a scene requires: the cheapest settings whose verdicts cannot be told from the finest's.
+"""Chooses the cheapest settings whose verdicts in a scene match those of the finest settings.
 
-Every setting on the ladder is sound, so choosing among them is a question of price and caution,
-never of safety: no link, obstacle, source or pair is left out by any of them. Each is tried on the
-same joint states and the same messages, on a table of its own, and what it says is held against
-what the finest says: every pair evaluated in every tick.
+Every candidate is sound, so the choice is about cost and caution, never about safety: no candidate
+leaves out a link, obstacle, source or pair. Each is tried on the same joint states and the same
+messages, with its own table. Its verdicts are compared with those of the finest settings, which
+evaluate every pair in every tick.
 
-The price is counted in evaluations, since time differs from machine to machine and from run to run:
-the same trial gives the same choice.
+Cost is counted in evaluations, not in time, which differs between machines and runs. So the same
+trial gives the same choice.
 
-Links that cannot be reached are no setting. The engine asks first what the whole arm cannot leave,
-then what each link cannot leave (`pairs.contact_time`), for each new state of an obstacle again; a
-link that this proves to be out of reach costs two evaluations of its obstacle and no more. A trial
-tells which links that was.
+There is no setting for links that cannot be reached. For each new state of an obstacle, the monitor
+first tests the ball that the whole arm cannot leave, then that of each link (`pairs.contact_time`).
+A link that is proved out of reach costs two evaluations. A trial reports these links.
 """
 
 from __future__ import annotations
@@ -40,19 +39,20 @@ from armguard.settings.settings import CHOSEN, Settings
 from armguard.verdict import Level
 
 SAME_LEVEL = 0.99
-"""Share of the ticks with the finest's level, at least, of what cannot be told from it."""
+"""Least share of ticks with the same level for verdicts that match."""
 
 SAME_SCALE = 0.01
-"""Difference of the speed scales, on average over the ticks, at most."""
+"""Greatest mean difference of speed scales for verdicts that match."""
 
 AS_NEAR = 0.002
-"""Where nothing is as good: shares of equal levels that differ by no more count as the same."""
+"""If no candidate matches: tolerance within which shares of equal levels count as the same."""
 
 AS_CHEAP = 1.02
-"""Prices that differ by no more than this factor count as the same."""
+"""Factor within which costs count as the same."""
 
 ROOM, LEAST_BUDGET = 4, 5000
-"""A budget is so many times what the dearest tick of the trial took, and no less than this."""
+"""A budget is this multiple of the evaluations of the most expensive tick, and at least the second
+number."""
 
 TRIED = {
     name: declared
@@ -110,27 +110,26 @@ def choose_settings(
     keeps_cover: bool = False,
     **given: Any,
 ) -> Choice:
-    """Try settings, and choose the cheapest that cannot be told from the finest.
+    """Try settings, and choose the cheapest whose verdicts match those of the finest settings.
 
-    One axis after the other, each with what was chosen on those before: staleness, level of the
-    cover, motion model. Of settings that cost the same the finer one is chosen. The budget is
-    what the dearest tick took, with room to spare. Where no setting is as good as the finest, the
-    nearest to it is chosen, and a reason says so; where the finest says one level alone, nothing
-    but STOP or nothing but CLEAR, a trial shows nothing, and what is usual stays.
+    The axes are tried in turn, each with the choices on those before: staleness, level of the
+    cover, motion model. Of settings with the same cost, the finer one is chosen. The budget is that
+    of the most expensive tick, with a reserve. If no candidate matches the finest settings, the
+    nearest is chosen, and a reason says so. If the finest settings give only one level, only STOP
+    or only CLEAR, the trial shows nothing, and the defaults are kept.
 
     Args:
-        robot: The arm; it stays as it is.
-        obstacles: The table, in which nothing was told but obstacles that stand still; it stays as
-            it is.
-        trial: What is judged: ticks; a recording, of which the part counts in which levels changed
-            most often; None: a simulated person who comes up to the arm at work.
-        keeps_cover: Whether all levels of the robot's cover stand as well.
-        **given: Settings of the monitor that stand; the finest's too, but for a budget: it has
-            none.
+        robot: The arm; it is not changed.
+        obstacles: The table, which must have no obstacles except statics; it is not changed.
+        trial: The ticks to judge, or the path of a recording, whose part with the most changes of
+            level is used. None: a simulated person approaches the working arm.
+        keeps_cover: Whether to keep all levels of the robot's cover.
+        **given: Settings of the monitor that are not chosen. The finest settings use them too,
+            except for a budget.
 
     Raises:
-        ArmguardError: A setting is unusable, the table was told already, or the trial is empty,
-            unreadable, or has something else than ticks.
+        ArmguardError: A setting is unusable, the table has obstacles already, or the trial is
+            empty, unreadable, or has elements other than `TrialTick`.
     """
     if trial is None or isinstance(trial, str | Path):
         trial = _make_trial(robot, obstacles, trial, given)
@@ -138,8 +137,8 @@ def choose_settings(
     if not obstacles.is_untouched:
         raise ArmguardError(
             "obstacles",
-            "were told already",
-            expected="none but those that stand still: settings are tried from the start",
+            "are in the table already",
+            expected="only statics: settings are tried from the start",
         )
     schedule = given.get("schedule", DEADLINE)
     if schedule != DEADLINE:

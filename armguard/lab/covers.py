@@ -1,7 +1,7 @@
-"""`armguard cover`: fit, prove and write covers; prove them again; exchange them with other tools.
+"""`armguard cover`: fits, proves and writes covers, and exchanges them with other tools.
 
-What it is asked about is a robot that armguard knows, or any other URDF. A URDF without limits is
-enough, since only geometry matters here.
+It works on a known robot, or on any other URDF. A URDF without limits is sufficient, since only
+geometry matters.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from armguard.robot.robot import Robot, read_described
 
 TOLERANCE = 0.1  # rounding and margins of radii stay below this, in [mm]
 UNPROVED = 1
-"""Exit code where something was asked to be covered and is not."""
+"""Exit code if a cover does not contain the robot."""
 
 
 class Target:

@@ -1,4 +1,4 @@
-"""What reports of studies have in common: numbers as plain data, tables, pages in Markdown, files.
+"""Common parts of reports of studies: plain data, tables, pages in Markdown, files.
 
 A study decides on its columns and on what its page tells; how a number, a table and a page look is
 decided here, once for all studies.

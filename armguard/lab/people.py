@@ -1,4 +1,4 @@
-"""How fast people move, measured from tracked points, and how often that breaks a bound.
+"""Measures speeds and accelerations of people from tracked points, and how often bounds break.
 
 Positions alone are known, with noise, gaps and swapped markers. An acceleration is the second
 difference over 30 ms either side, a speed the difference over the same 60 ms; nothing is smoothed
@@ -49,7 +49,7 @@ SLOWEST_RATE = 25.0
 
 
 class Motion(NamedTuple):
-    """How fast tracked points moved, and which samples can be believed."""
+    """Accelerations and speeds of tracked points, and the clean samples."""
 
     accel: Array
     """Magnitudes in [m]/[s]², NaN where not known. Shape (frames, n)."""

@@ -1,4 +1,4 @@
-"""A recording as a trial that settings are chosen by: its most telling part.
+"""Makes a trial of settings from the part of a recording with the most changes of level.
 
 Chosen by is not the whole, which may be hours, but the part with the most changes of level: where
 settings differ, they differ there. It begins with what was told in the seconds before; what was not

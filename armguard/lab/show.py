@@ -1,4 +1,4 @@
-"""`armguard show`: an arm, its cover and the levels of the cover's tree, without a cell."""
+"""`armguard show`: shows an arm, its cover and the levels of the cover's tree, without a cell."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def show_arm(wishes: cli.Show) -> int:
                 publisher.publish_scene(scene)
                 publisher.publish_frame(frame)
                 time.sleep(INTERVAL)
-            complain("the view has ended by itself")
+            complain("the process of the view has ended")
             return COMPLAINT
     return 0
 

@@ -1,6 +1,6 @@
-"""`Monitor`: from joint states and obstacles to a verdict in every tick.
+"""`Monitor`: computes a verdict in every tick from joint states and obstacles.
 
-Its judge, the decision to stop, committed pieces, and what can be asked of it between ticks.
+Contains its judge, the stop decision, committed pieces, and the queries between ticks.
 """
 
 from typing import TYPE_CHECKING

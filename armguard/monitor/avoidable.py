@@ -1,7 +1,8 @@
-"""What would have avoided a STOP: the stop decision, asked again under other circumstances.
+"""Finds what would have avoided a STOP: repeats the stop decision under changed conditions.
 
-Each remedy is tried by itself, on what the last tick saw, by the bound on a braking arm. Dozens of
-questions, each of a good part of a tick: between ticks, for people.
+Each remedy is tried by itself, on the data of the last tick, by the bound on a braking arm. This
+takes dozens of evaluations, each a large part of a tick. It therefore runs between ticks, when a
+user asks.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
 
 HALVINGS = 7
-"""Of the interval in which the least sufficient delay or speed is sought."""
+"""Number of bisections in the search for the greatest sufficient delay or speed."""
 
 
 def list_remedies(
@@ -27,15 +28,15 @@ def list_remedies(
     *,
     has_operating: bool,
 ) -> tuple[str, ...]:
-    """What would have let the arm rest in time, in words; empty where it did, or nothing would.
+    """Remedies that would have let the arm be at rest in time, in words; empty if none would.
 
     Args:
-        scheduler: Knows the pairs; its arm prepared for the tick.
+        scheduler: The scheduler of the pairs; its arm is prepared for the tick.
         robot: The arm.
-        in_force: What it counts with.
+        in_force: The limits and brakes in force.
         tick: The last one.
-        response_time: Until the verdict after that one is obeyed, in [s].
-        has_operating: Whether operating limits are stated.
+        response_time: Time until the verdict after that one is obeyed, in [s].
+        has_operating: Whether operating limits are configured.
     """
     braking = scheduler.arm.motion.braking
 
@@ -48,7 +49,7 @@ def list_remedies(
     if in_force.payload > 0.0:
         with in_force.pretend(payload=0.0):
             if rests():
-                remedies.append(f"carrying nothing, instead of {in_force.payload:g} kg")
+                remedies.append(f"a payload of 0 kg, instead of {in_force.payload:g} kg")
     if not has_operating and robot.published_operating_limits is not None:
         with in_force.pretend(operating=OperatingLimits.published(robot)):
             if rests():
@@ -66,7 +67,7 @@ def list_remedies(
 def _rests(
     scheduler: Scheduler, braking: BrakingMotion, tick: Tick, delay: float, pace: float
 ) -> bool:
-    """Whether the arm surely rests before contact if its brakes bite after `delay`, in [s]."""
+    """Whether the arm is proved to be at rest before contact if brakes engage after `delay` [s]."""
     reaction_time = braking.reaction_time
     velocity = pace * tick.v
     try:
@@ -82,7 +83,7 @@ def _rests(
 
 
 def _find_greatest(is_enough: Callable[[float], bool]) -> float | None:
-    """The greatest part of a whole that is enough, rounded down; None if not even nothing is."""
+    """The greatest sufficient fraction from 0 to 1, rounded down; None if 0 is not sufficient."""
     if not is_enough(0.0):
         return None
     low, high = 0.0, 1.0

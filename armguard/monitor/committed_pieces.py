@@ -1,30 +1,29 @@
-"""Pieces that carry their own stop: committed where nothing can touch the arm on them.
+"""Committed pieces: parts of a path with their own stop, on which nothing can touch the arm.
 
-A controller that moves on safe pieces only never has to be stopped for obstacles that keep to their
-bounds: where the next piece is refused, or no answer comes, it goes on along the one that it has,
-and rests at its end. So no verdict has to arrive, and no reaction time enters.
+A controller that moves only on safe pieces needs no STOP for obstacles that keep their bounds. If
+the next piece is refused, or no answer arrives, it follows its present piece to the end, where the
+arm is at rest. So no verdict has to arrive, and no reaction time enters.
 
-Whether an answer arrived is not known here: it may be lost, or still be on its way. So a piece that
-was answered safe is one that the arm may be on, whatever was answered later. It is kept, and judged
-wherever obstacles bring news, until one of these rules it out:
+The monitor does not know whether an answer arrived: it may be lost or still in transit. So the arm
+can be on any piece that was answered safe, whatever was answered later. Such a piece is kept, and
+judged again when obstacles change, until one of these rules it out:
 
-- A joint state that no arm on it can have, measured when its answer has surely arrived.
-- A later piece that covers it: wherever an arm is on the older one, it is on the later one as well.
-  That a later piece merely begins, or does not go on from this one, rules out nothing. The arm is
-  on the older one still if the later answer was lost, and gets to it if that begins before.
-- Its end. An arm that has come to rest there touches nothing.
+- A joint state that no arm on it can have, measured after its answer must have arrived.
+- A later piece that covers it: an arm on the older one is always also on the later one. The mere
+  beginning of a later piece rules out nothing, nor does one that does not continue this one. If the
+  later answer was lost, the arm is still on the older piece, or will take it up.
+- Its end. An arm at rest there touches nothing.
 
-Every arm that rests until it takes up its first piece, and follows pieces that were answered safe,
-is then on a kept one at every time, so that what is proved of all kept pieces is proved of it.
+An arm that is at rest until its first piece, and then follows only pieces that were answered safe,
+is on a kept piece at every time. So a proof about all kept pieces is a proof about this arm.
 
-Joint states may show that the arm is on no kept piece, a payload may end what their proofs rest on,
-or an obstacle may make one of them unsafe. The arm counts as free then, and the stop decision
-bounds it. Pieces that it could still be on, or take up, stay on a list, *open* pieces. No piece is
-committed while there is one: the arm might follow the open piece instead, where the answer, or the
-STOP that calls it off its piece, is late or lost.
+The arm counts as free if joint states show that it is on no kept piece, if a new payload ends a
+premise of the proofs, or if an obstacle makes a piece unsafe. The stop decision bounds a free arm.
+Pieces that it could still be on, or take up, stay on a list of *open* pieces. No piece is committed
+while one is open: if the answer or the STOP is late or lost, the arm might follow the open piece.
 
-A controller that commits often leaves many that differ by little: from `MANY_PIECES` on two of them
-are kept as one, see `_join_two`.
+A controller that commits often leaves many similar pieces. From `MANY_PIECES` on, two of them are
+merged into one, see `_join_two`.
 """
 
 from __future__ import annotations
@@ -60,22 +59,22 @@ from armguard.settings.settings import Settings
 from armguard.verdict import PlanVerdict, Reason, ReasonKind
 
 MOST_PIECES = 64
-"""Pieces that the arm may be on at a time."""
+"""Greatest number of pieces that the arm can be on at a time."""
 MANY_PIECES = 16
-"""From so many on two of them are kept as one, where that is safe."""
+"""From this number of pieces on, two of them are merged if that is safe."""
 USUAL_PIECES = 16
-"""Pieces for which room is made from the start, so that few commits have to make some."""
+"""Number of pieces with memory allocated at the start, so that few commits must allocate."""
 MOST_TRIED = 3
-"""Pairs of pieces for which that is tried in a commit."""
+"""Number of pairs of pieces for which a commit tries to merge."""
 
 
 class KnownObstacles:
-    """What was known of obstacles when pieces were proved safe, and whether that still stands.
+    """The obstacle states with which pieces were proved safe, and whether they still hold.
 
-    Pieces go by the number of their place, from 0.
+    Pieces are identified by the number of their place, from 0.
 
     Args:
-        scheduler: Knows the obstacles.
+        scheduler: Provides the obstacles.
     """
 
     def __init__(self, scheduler: Scheduler) -> None:
@@ -86,7 +85,7 @@ class KnownObstacles:
             self._make_room()
 
     def keep(self, place: int) -> None:
-        """Keep what is known now for a piece, in place of what was kept before."""
+        """Store the present obstacle states for a piece; replaces the stored ones."""
         arm = self._scheduler.arm
         if self._find_shape() != self._shape:
             # What was kept of obstacles in other rows is not known any more.
@@ -97,7 +96,7 @@ class KnownObstacles:
         self._keep_all(arm.state.handle, self._rooms[place])
 
     def has_changed(self, place: int) -> bool:
-        """Whether an obstacle is new, or does what was known of it does not allow for."""
+        """Whether an obstacle is new, or has a state that the stored one does not allow."""
         arm = self._scheduler.arm
         kept = self._changes.get(place)
         if kept != arm.obstacles.table.changes or self._find_shape() != self._shape:
@@ -106,19 +105,19 @@ class KnownObstacles:
         return changed
 
     def _find_shape(self) -> tuple[Any, int, int]:
-        """What the arm's handle is on, rows of obstacles, and points that each has room for."""
+        """Shape of the stored arrays: rows of obstacles, and points per row."""
         state = self._scheduler.arm.state
         rows, width, _ = state.bodies.points.shape
         return state.handle.kind, rows, width
 
     def _forget(self) -> None:
-        """Forget all that was kept, for obstacles in other rows."""
+        """Drop all stored states, because obstacles have changed rows."""
         self._shape = self._find_shape()
         self._changes: dict[int, int] = {}
         self._rooms: list[Any] = []
 
     def _make_room(self) -> None:
-        """Make room for one more piece, and for as many obstacles as there are in the table."""
+        """Allocate memory for one more piece, and for the table's number of obstacles."""
         _, rows, width = self._shape
         room = pack(make_known_states(rows, width))
         self._rooms.append(room)
@@ -131,27 +130,27 @@ class KnownObstacles:
 
 
 class Piece(NamedTuple):
-    """One that the arm may be on."""
+    """A piece that the arm may be on."""
 
     plan: CheckedPlan
     course: PlannedCourse
     before: tuple[CheckedPlan, ...]
-    """What it may be following until the piece begins."""
+    """Pieces that the arm may follow until this piece begins."""
     place: int
-    """Where what the proof that it is safe rests on is kept, see `KnownObstacles`."""
+    """Place of the stored obstacle states that its proof rests on, see `KnownObstacles`."""
 
 
 class CommittedPieces:
-    """Judges pieces, and keeps those that the arm may be on.
+    """Judges pieces, and keeps those that the arm can be on.
 
     Args:
         robot: The arm.
-        scheduler: Knows the pairs.
+        scheduler: Provides the pairs.
         settings: Of the monitor.
 
     Attributes:
-        is_proved: Whether the arm is on a piece, and nothing can touch it until it rests.
-        evaluated: Evaluations since the last joint state was taken.
+        is_proved: Whether the arm is on a piece, and nothing can touch it until it is at rest.
+        evaluated: Number of evaluations since the last joint state.
     """
 
     def __init__(self, robot: Robot, scheduler: Scheduler, settings: Settings) -> None:
@@ -174,7 +173,7 @@ class CommittedPieces:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all pieces: the arm takes up none of them, and may do what its joints can."""
+        """Drop all pieces: the arm takes up none of them, and counts as free."""
         self._count_as_free([])
 
     @property
@@ -184,29 +183,29 @@ class CommittedPieces:
 
     @property
     def proved_until(self) -> float | None:
-        """When an arm on any of the proved pieces rests at the latest, in [s]; None: on none."""
+        """Latest time at which an arm on a proved piece is at rest, in [s]; None: on none."""
         if not self.is_proved:
             return None
         return max(_find_end(piece.course) for piece in self._pieces)
 
     @property
     def permitted(self) -> tuple[int, float]:
-        """The fastest contact that is possible on a kept piece, as is permitted.
+        """The fastest permitted contact that is possible on a kept piece.
 
-        Its pair, negative without one, and how fast its link is at most, in [m]/[s].
+        Returns its pair, negative without one, and the greatest speed of its link, in [m]/[s].
         """
         known = (self._permitted[piece.place] for piece in self._pieces)
         return max(known, key=lambda one: one[1], default=(NONE, 0.0))
 
     def drop(self, subject: str, detail: str) -> Reason | None:
-        """Let no piece count as proved where the ground of proofs is gone; None if none did."""
+        """Count no piece as proved, after a premise has ended; None if none was proved."""
         if not self.is_proved:
             return None
         self._count_as_free(self._pieces)
         return Reason(ReasonKind.PLAN_VOID, subject, detail)
 
     def _count_as_free(self, still_open: list[Piece]) -> None:
-        """Take the arm to do what its joints can; some pieces it may be on, or take up, even so."""
+        """Count the arm as free; keep the pieces that it may still be on, or take up, as open."""
         self._open = [piece.plan for piece in still_open]
         self._pieces: list[Piece] = []
         self.is_proved = False
@@ -225,7 +224,7 @@ class CommittedPieces:
         return stopped
 
     def commit(self, plan: Plan, tick: Tick) -> PlanVerdict:
-        """Judge a piece at the last tick; a safe one is what the arm may be on from now on."""
+        """Judge a piece at the last tick; if it is safe, the arm may be on it from now on."""
         now, pieces = tick.now, self._pieces
         if self._open:
             latest = max(plan.end for plan in self._open)
@@ -279,16 +278,16 @@ class CommittedPieces:
         return PlanVerdict(True, math.inf, None, None, ())
 
     def update(self, tick: Tick, stamp: float, *, disturbed: bool, unplaced: bool) -> Reason | None:
-        """Take a tick's joint state, and judge what is left of the pieces where there is news.
+        """Process a tick's joint state, and judge the rest of the pieces if obstacles have changed.
 
         Args:
             tick: The tick.
-            stamp: Of its joint state, in [s].
-            disturbed: Whether obstacles have changed by more than was allowed for.
-            unplaced: Whether there are obstacles that found no room, and could be anywhere.
+            stamp: Stamp of its joint state, in [s].
+            disturbed: Whether obstacles have changed by more than their stored states allow.
+            unplaced: Whether obstacles that found no room in the table could be anywhere.
 
         Returns:
-            Why the arm is on no piece any more, or on none that is safe; None otherwise.
+            Reason why the arm is no longer on a piece, or no longer on a safe one; else None.
         """
         self.evaluated = 0
         self._open = [
@@ -360,7 +359,7 @@ class CommittedPieces:
         self.reset()
 
     def _drop_covered(self, pieces: list[Piece], now: float) -> list[Piece]:
-        """Those that are not covered from now on by the newest one that has begun."""
+        """The pieces that the newest begun piece does not cover from now on."""
         begun = [piece for piece in pieces if piece.plan.stamp <= now]
         if len(begun) < 2:
             return pieces
@@ -370,7 +369,7 @@ class CommittedPieces:
         return [piece for piece in pieces if id(piece) not in covered]
 
     def _make_room(self, pieces: list[Piece], tick: Tick) -> list[Piece]:
-        """Fewer pieces, where there are many."""
+        """Reduce the number of pieces if there are many."""
         if len(pieces) >= MANY_PIECES:
             pieces = self._join_two(pieces, tick)
         if len(pieces) >= MOST_PIECES:
@@ -380,10 +379,10 @@ class CommittedPieces:
         return pieces
 
     def _join_two(self, pieces: list[Piece], tick: Tick) -> list[Piece]:
-        """The same with two of them kept as one, where an arm on either is still safe.
+        """Merge two of the pieces into one, if an arm on either one is still safe.
 
-        The newer of both, with deviations so wide that an arm on the older one is on it, too, is
-        proved anew. Neighbours that come to rest nearest to each other are tried first.
+        The newer piece gets deviations so wide that an arm on the older one is also on it, and is
+        proved again. Neighbours whose positions of rest are nearest to each other are tried first.
         """
         ends = np.array([piece.plan.q[-1] for piece in pieces])
         widths = np.array([piece.plan.deviation for piece in pieces])
@@ -397,7 +396,7 @@ class CommittedPieces:
         return pieces
 
     def _join(self, older: Piece, newer: Piece, tick: Tick) -> Piece | None:
-        """Both as one that the arm may be on; None where that is not known to be safe."""
+        """Both pieces merged into one; None if that is not proved safe."""
         waits = newer.plan.stamp > tick.now
         if older.plan.stamp > newer.plan.stamp or (waits and self._may_leave):
             # What the arm does on the older one before the newer one begins, or when it leaves it
@@ -419,16 +418,16 @@ class CommittedPieces:
         return Piece(plan, course, before, newer.place)
 
     def _can_follow(self, plan: CheckedPlan, tick: Tick, stamp: float) -> bool:
-        """Whether the arm may be on a piece by a joint state, or get to it."""
+        """Whether the joint state allows the arm to be on a piece, or to take it up."""
         is_on = self._following.check(plan, tick.q, tick.v, stamp) is None
         return is_on or self._may_be_on_its_way(plan, stamp)
 
     def _may_be_on_its_way(self, plan: CheckedPlan, stamp: float) -> bool:
-        """Whether the answer may not have arrived at a stamp: the arm takes the piece up then."""
+        """Whether the answer may still be in transit at a stamp; the arm may take it up later."""
         return stamp < plan.now + self._latency
 
     def _find_waiting_elsewhere(self, piece: Piece, tick: Tick, stamp: float) -> Refusal | None:
-        """Why the arm is not where the proof of a piece has it until that begins; None if it is."""
+        """Why the arm is not where a piece's proof assumes it until the piece begins; else None."""
         if stamp >= piece.plan.stamp:
             return None
         found = None
@@ -446,7 +445,7 @@ class CommittedPieces:
     def _lay_out(
         self, plan: CheckedPlan, before: tuple[CheckedPlan, ...]
     ) -> PlannedCourse | Refusal:
-        """Where the arm can be from when a piece was checked until it rests."""
+        """The region of the arm from the check of a piece until rest."""
         motion, with_velocities = self._planned_motion(), self._with_velocities
         if not self._may_leave:
             return motion.lay_out(plan, before, with_velocities=with_velocities)
@@ -454,19 +453,17 @@ class CommittedPieces:
         if course is not None:
             return course
         if plan.stamp > plan.now and not before:
-            detail = (
-                f"begins in {plan.stamp - plan.now:.4g} s: until then no brakes are known of it"
-            )
+            detail = f"begins in {plan.stamp - plan.now:.4g} s: its brakes are not known until then"
             return Refusal("plan", detail)
-        return Refusal("plan", "may be left faster than the brakes are stated for")
+        return Refusal("plan", "allows speeds that the brakes are not stated for")
 
     def _find_contact(self, course: PlannedCourse, tick: Tick) -> PlanVerdict | None:
-        """What could touch the arm on what is left of a piece; None if nothing can.
+        """The first possible contact on the rest of a piece; None if nothing can touch the arm.
 
-        A contact that contact limits permit does not count.
+        Permitted contact does not count.
 
-        Every pair is asked for: what a certificate rests on may be older than what is remembered
-        of obstacles here, and news are judged by that.
+        Every pair is evaluated: a certificate may rest on older states than those stored here, and
+        changes are judged by the stored ones.
         """
         scheduler = self._scheduler
         self._judged = NONE, 0.0
@@ -498,7 +495,7 @@ class CommittedPieces:
     def _find_obstacle_speeds(
         self, course: PlannedCourse, pairs: IntArray, now: float
     ) -> FloatArray:
-        """How fast what each pair's obstacle could be pressed against is at most, in [m]/[s]."""
+        """Greatest speed of whatever each pair's obstacle could be pressed against, in [m]/[s]."""
         handle = self._scheduler.arm.state.handle
         if self._clamps is None or self._clamps[0] is not handle.kind:
             code = machine_code(find_obstacle_speeds, handle, course, pairs, now)
@@ -509,7 +506,7 @@ class CommittedPieces:
     def _find_pressed(
         self, plan: CheckedPlan, course: PlannedCourse, tick: Tick
     ) -> PlanVerdict | None:
-        """What touches the arm, and is not surely receded from on a piece; None if nothing."""
+        """A touching obstacle from which the piece does not provably recede; else None."""
         scheduler = self._scheduler
         rows = scheduler.list_touchable(tick)
         if not len(rows):
@@ -525,13 +522,13 @@ class CommittedPieces:
                 names = scheduler.arm.names(row * watched.shape[1] + link)
                 return refuse_plan(
                     f"{names[0]} and {names[1]}",
-                    f"{names[1]} is touched: the arm may only rest, or recede from it on the whole "
-                    "piece",
+                    f"{names[1]} is touched: the arm must be at rest, or recede from it on the "
+                    "whole piece",
                 )
         return None
 
     def _compile_pressing(self, motion: PieceMotion) -> Any:
-        """Machine code of `find_pressing_link`, for the arrays that there are now."""
+        """Compile `find_pressing_link` for the present arrays."""
         handle, watched = self._scheduler.arm.state.handle, self._scheduler.certificates.watched
         if self._pressing is None or self._pressing[0] is not handle.kind:
             code = machine_code(find_pressing_link, handle, 0, watched[0], motion, 0.0)
@@ -539,7 +536,7 @@ class CommittedPieces:
         return self._pressing[1]
 
     def _remember(self) -> int:
-        """Keep what is known of obstacles now where nothing is kept for another piece."""
+        """Store the present obstacle states in a place that no other piece uses."""
         used = {piece.place for piece in self._pieces}
         place = next(place for place in range(MOST_PIECES) if place not in used)
         self._known.keep(place)
@@ -547,25 +544,25 @@ class CommittedPieces:
 
 
 def _find_end(course: PlannedCourse) -> float:
-    """When an arm on this course has come to rest, in [s]."""
+    """Time at which an arm on this course is at rest, in [s]."""
     return course.epoch + float(course.end[-1])
 
 
 def _is_at_rest(course: PlannedCourse, now: float) -> bool:
-    """Whether an arm on this course has come to rest by then, in [s]."""
+    """Whether an arm on this course is at rest by a time, in [s]."""
     return _find_end(course) <= now
 
 
 @kernel
 def _keep_all(handle: Any, kept: Any) -> None:
-    """Keep what is known of every row for a piece."""
+    """Store the states of all rows for a piece."""
     for row in range(handle.content.marks.alive.shape[0]):
         keep_known_state(handle.content.bodies, handle.content.marks, kept.content, row, row)
 
 
 @kernel
 def _find_change(handle: Any, kept: Any) -> bool:
-    """Whether a state is refused, was lost, or is not what those kept for a piece allow."""
+    """Whether a state is refused, lost, or outside what a piece's stored states allow."""
     bodies, marks, known = handle.content.bodies, handle.content.marks, kept.content
     tethers = handle.content.tethers
     for row in range(marks.alive.shape[0]):

@@ -1,9 +1,9 @@
-"""One short digest of all that verdicts depend on, beside what comes in while a monitor runs.
+"""A short digest of everything that verdicts depend on, except the inputs of a running monitor.
 
-Two monitors with one digest give the same verdicts on the same inputs, as far as their processors
-compute alike. The digest is made of numbers to the last bit, and of names without their order. It
-does not depend on where files lie, on the order of the keys in a file, or on how a number is
-written there. Nor does it depend on the machine.
+Two monitors with the same digest give the same verdicts on the same inputs, if their processors
+compute alike. The digest covers the exact bits of numbers, and names without their order. It does
+not depend on the paths of files, the order of keys in a file, the notation of a number, or the
+machine.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from armguard.monitor.provenance import describe_software
 from armguard.robot.portable import describe_robot
 
 LENGTH = 16
-"""Hexadecimal digits of a digest."""
+"""Number of hexadecimal digits of a digest."""
 
 _OF_THE_MACHINE = ("machine", "processor", "processor_features")
 
@@ -30,21 +30,21 @@ def digest_configuration(monitor: Monitor, cell: Any = None) -> str:
     """The digest of a monitor's configuration, in 16 hexadecimal digits.
 
     It covers the robot as it is (joints, limits, errors, brakes, links, covers, attached bodies),
-    all settings of the monitor and its table of obstacles, what stands still, tethers and
-    exemptions as they are now, and the versions of armguard and of what it computes with.
+    all settings of the monitor and its table of obstacles, the present statics, tethers and
+    exemptions, and the versions of armguard and its numerical libraries.
 
     Args:
-        monitor: Before its first step.
-        cell: What else counts, as plain data, such as what a cell file says of streams.
+        monitor: The monitor before its first step.
+        cell: Further plain data to include, such as a cell file's settings of streams.
 
     Raises:
-        ArmguardError: The schedule is one of the application's own, which nothing can describe.
+        ArmguardError: The schedule is the application's own, which armguard cannot describe.
     """
     return digest_data(describe_configuration(monitor, cell))
 
 
 def describe_configuration(monitor: Monitor, cell: Any = None) -> dict[str, Any]:
-    """What the digest is made of, as plain data; as `digest_configuration`."""
+    """The content of the digest as plain data; see `digest_configuration`."""
     settings = describe_settings(monitor)
     del settings["choice"]  # what was chosen stands among the settings
     sources = settings["obstacles"]["sources"]
@@ -77,13 +77,13 @@ def digest_data(data: Any) -> str:
 
 
 def normalise(value: Any) -> Any:
-    """Plain data in a form that JSON writes in one way only.
+    """Convert plain data to a form with a unique JSON text.
 
-    A number becomes "n" with its bits, whether it was an integer or not; a text becomes "s" with
-    itself.
+    A number becomes "n" followed by its bits, for integers and floats alike. A text becomes "s"
+    followed by itself.
 
     Raises:
-        TypeError: It is no plain data.
+        TypeError: It is not plain data.
     """
     match value:
         case None | bool():
@@ -104,7 +104,7 @@ def _write_number(value: float) -> str:
 
 
 def _describe_places(monitor: Monitor) -> dict[str, Any]:
-    """What stands still, and the entrances, by id."""
+    """The statics and entrances, by id."""
     table, ids = monitor.obstacles.table, monitor.obstacles.ids
     return {
         ids[row]: [

@@ -1,8 +1,8 @@
-"""What happens while the arm touches somebody, as is permitted: it is told, and must not press on.
+"""Watches permitted contact: reports it, and stops the arm so that it does not press.
 
-From the first tick in which a link meets a body part, by what was measured, the verdict is a STOP
-until the part has left. The proofs about all other obstacles rest on one more premise then: that
-the contact moves no joint. Each joint state tests it.
+From the first tick in which a link touches a body part by its measured state, the verdict is a STOP
+until the part has moved away. The proofs about all other obstacles then have one more premise: the
+contact moves no joint. Each joint state tests it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from armguard.scheduling.timing_wheel import NOBODY
 from armguard.verdict import Reason, ReasonKind, Verdict
 
 SHOWN_FROM = 0.1
-"""From when on it is told how long a contact has lasted, in [s]."""
+"""Duration of a contact from which on it is reported, in [s]."""
 
 
 class ContactWatch:
@@ -34,7 +34,7 @@ class ContactWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was touched."""
+        """Drop the contacts."""
         # What is marked as touched is not judged by its bounds.
         self._scheduler.arm.obstacles.table.touched[:] = False
         self._pair = NOBODY
@@ -49,13 +49,14 @@ class ContactWatch:
         return self._pair != NOBODY
 
     def update(self, tick: Tick, expiry: float, *, is_on_piece: bool) -> list[Reason]:
-        """Reasons to stop for what a link touches in a tick, after its evaluations.
+        """Reasons to stop for present contacts in a tick, after its evaluations.
 
         Args:
             tick: The tick.
-            expiry: When the first certificate ends, in [s] since the epoch: while all hold, no link
+            expiry: Expiry of the first certificate, in [s] since the epoch: until then no link
                 touches anything.
-            is_on_piece: Whether the arm runs a committed piece to its end, whatever verdicts say.
+            is_on_piece: Whether the arm follows a committed piece to its end, whatever verdicts
+                say.
         """
         if expiry > tick.time and self._pair == NOBODY:
             return []
@@ -79,7 +80,7 @@ class ContactWatch:
         return reasons
 
     def _check_rest(self, tick: Tick) -> list[Reason]:
-        """A reason where a joint of the arm, which must rest by now, has been moved."""
+        """A reason if a joint of the arm, which must be at rest by now, has been moved."""
         if self._rest is None:
             self._rest = tick.q.copy()
             return []
@@ -92,12 +93,12 @@ class ContactWatch:
         return [_describe_moved(robot, worst, float(off[worst]))]
 
     def note_verdict(self, tick: Tick, verdict: Verdict) -> None:
-        """Keep from when on contact is possible, by the verdict of a tick."""
+        """Store the time from which contact is possible, by the verdict of a tick."""
         self._tick = tick
         self._possible_from = tick.now + verdict.contact_time
 
     def explains_jump(self, now: float) -> bool:
-        """Whether a joint that jumped by now may have been moved by a contact that is permitted."""
+        """Whether permitted contact may have moved a joint whose state jumped."""
         if self.is_touching:
             return True
         if self._tick is None or not now >= self._possible_from:
@@ -108,6 +109,6 @@ class ContactWatch:
 
 
 def _describe_moved(robot: Robot, joint: int, off: float) -> Reason:
-    """That a joint was moved by a contact, by so many [rad] or [m]."""
+    """The reason that a contact moved a joint, by an amount in [rad] or [m]."""
     unit = "m" if is_prismatic(robot.model, 1 + joint) else "rad"
     return Reason(ReasonKind.MOVED_BY_CONTACT, robot.joints[joint], f"by {off:.3g} {unit}")

@@ -1,9 +1,9 @@
-"""Whether a low level rests on what may not be so: wider bounds, refused samples, hidden bodies.
+"""Finds whether a low level rests on doubtful states: wider bounds, refused samples, hidden bodies.
 
-A body that broke its bounds counts with wider ones, a refused sample counts beside what was
-believed before, and a body that is not seen grows. Each can stop an arm that nobody is near. So
-where a level is low the tick is evaluated once more without them, and what made the difference is
-named. That answer is for people; it never changes the verdict.
+A body that broke its bounds counts with wider ones. A refused sample counts in addition to the
+accepted state. A body that is not seen can be in a growing region. Each can stop an arm although no
+body is near. So if a level is low, the tick is evaluated once more without them, and a reason names
+what made the difference. This answer is for people; it never changes the verdict.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from armguard.verdict import Level, Reason, ReasonKind
 
 KINDS = (ReasonKind.WIDENED_BOUNDS, ReasonKind.REFUSED_ALTERNATIVE, ReasonKind.HIDDEN)
 MOST_NAMED = 3
-"""Bodies that are named for each kind."""
+"""Greatest number of bodies that are named for each kind."""
 
 Doubts = dict[ReasonKind, list[int]]
-"""By kind, rows of near obstacles of which there is that doubt."""
+"""Rows of near obstacles with a doubt, by its kind."""
 
 
 @kernel
 def sum_up_doubts(handle: Any, now: float, usual: float) -> int:
-    """A number that tells which bodies are in doubt; 0 where none is, and seldom alike for others.
+    """A hash of the bodies that are in doubt; 0 if none is.
 
     Args:
-        handle: On the table's `Rows`.
+        handle: Handle on the table's `Rows`.
         now: Time of the tick on the obstacles' clock, in [s].
-        usual: Bodies that were not seen for longer than this may be hidden, in [s].
+        usual: Age from which an unseen body may be hidden, in [s].
     """
     table = handle.content
     accepted, marks, breaks = table.accepted, table.marks, table.breaks
@@ -55,13 +55,13 @@ def sum_up_doubts(handle: Any, now: float, usual: float) -> int:
 
 
 class DoubtfulStates:
-    """Says which doubts about near bodies alone have made a level so low.
+    """Reports which doubts about near bodies alone have lowered a level.
 
     Args:
         obstacles: The table.
         scheduler: Knows the pairs.
-        look_again: Evaluates what is near once more.
-        late_data: Knows how old data usually are.
+        look_again: Evaluates near pairs once more.
+        late_data: Provides the usual ages of data.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class DoubtfulStates:
         self.reset()
 
     def reset(self) -> None:
-        """Time may start anew."""
+        """Restart; the clock may start anew."""
         self._asked: tuple[Level, int] | None = None
         self._asked_at = -math.inf
         self._told: list[tuple[ReasonKind, int, str]] = []
@@ -87,13 +87,13 @@ class DoubtfulStates:
     def explain(self, tick: Tick, level: Level) -> list[Reason]:
         """Reasons that name the doubts without which the level of a tick would be higher.
 
-        Where no kind of doubt makes the difference by itself, and all together do, all are named.
-        What matters is looked up anew after `LOOK_INTERVAL`, and where the level is another or
-        there are doubts about other bodies, near or not.
+        If no kind of doubt makes the difference by itself, but all together do, all are named. The
+        answer is computed again after `LOOK_INTERVAL`, when the level changes, or when there are
+        doubts about other bodies.
 
         Args:
             tick: The tick.
-            level: What it earns by itself, below CLEAR, for nothing but contact times.
+            level: Its level by contact times alone, below CLEAR.
         """
         table, ids = self._obstacles.table, self._obstacles.ids
         known = self._sum_up(table.handle, tick.now, self._late_data.find_shortest_usual())
@@ -122,7 +122,7 @@ class DoubtfulStates:
         return doubts
 
     def _find_kinds(self, row: int, now: float) -> list[ReasonKind]:
-        """What is in doubt about a body."""
+        """The kinds of doubt about a body."""
         table, kinds = self._obstacles.table, []
         if table.has_state[row] and not table.static[row]:
             if table.breaks.further[row] > 0 or table.stamp[row] <= table.breaks.until[row]:
@@ -136,7 +136,7 @@ class DoubtfulStates:
     def _find_matter(
         self, tick: Tick, level: Level, near: NearPairs, doubts: Doubts
     ) -> tuple[ReasonKind, ...]:
-        """Kinds of doubts that have lowered the level: each by itself, or else all together."""
+        """Kinds of doubt that have lowered the level, each by itself or all together."""
         if near.rest < math.inf and not self._look_again.grade_rest(tick, near) > level:
             return ()
 
@@ -150,7 +150,7 @@ class DoubtfulStates:
 
     @contextmanager
     def _without(self, doubts: Doubts, now: float) -> Iterator[None]:
-        """Let there be no such doubts for a while; all is as it was then."""
+        """Context without doubts of these kinds; restores all afterwards."""
         table = self._obstacles.table
         accepted, refused, marks = table.accepted, table.refused_states, table.marks
         arrays = (
@@ -189,7 +189,7 @@ class DoubtfulStates:
             return f"hidden for {hidden:.2f} s; last seen {away:.2f} m away"
         if kind is ReasonKind.REFUSED_ALTERNATIVE:
             if table.unknown[row]:
-                return "a sample that cannot be reckoned with was refused; could be anywhere"
+                return "a sample without usable values was refused; the body could be anywhere"
             place = row * MOST_REFUSED + int(table.refused_count[row]) - 1
             refused, count = table.refused_states, int(table.point_count[row])
             count = min(count, int(refused.point_count[place]))
@@ -210,7 +210,7 @@ class DoubtfulStates:
         return f"broke its bounds {since:.2f} s ago ({seen}); counts with {counts} {rest}"
 
     def _measure_distance(self, row: int) -> float:
-        """From the arm's spheres to a body where it was last seen, by its points, in [m]."""
+        """Distance from the arm's spheres to the last seen points of a body, in [m]."""
         table, arm = self._obstacles.table, self._scheduler.arm
         points = table.points[row, : table.point_count[row]]
         leaves = arm.state.tree.first_child < 0
@@ -220,6 +220,6 @@ class DoubtfulStates:
 
 
 def _describe_bounds(accel: float, speed: float, factor: float) -> str:
-    """Those of two bounds that are not 0, divided by a factor."""
+    """The bounds that are not 0, divided by a factor, in words."""
     words = [f"{accel / factor:.3g} m/s²"] if accel > 0.0 else []
     return ", ".join(words + ([f"{speed / factor:.2g} m/s"] if speed > 0.0 else []))

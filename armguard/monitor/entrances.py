@@ -1,7 +1,7 @@
-"""Refuses entrances that the arm cannot keep clear of, whatever its joints do.
+"""Refuses entrances that overlap a link in every posture of the arm.
 
-Where an entrance and the arm overlap in some postures only, that is for the verdict to say: contact
-is possible at once in those, and it names link and entrance.
+If an entrance and the arm overlap in some postures only, the verdict reports it: in these postures
+contact is possible at once, and the verdict names link and entrance.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ CORNERS = np.array(
         for other in (-1.0, 1.0)
     ]
 ) * (3.0**0.5 / GOLDEN**2)
-"""Of an icosahedron around a ball of radius 1. Shape (12, 3)."""
+"""Corners of an icosahedron around a ball of radius 1. Shape (12, 3)."""
 
 STEPS = 200
-"""Of the walk to the nearest point of a hull; it is at the corner of a box after a few."""
+"""Greatest number of steps towards the nearest point of a hull; few suffice for a box."""
 
 SETTLED = 1e-13
-"""What the square of a distance could still be less by where the walk ends, in [m²]."""
+"""Tolerance on the squared distance at which the iteration ends, in [m²]."""
 
 TOLERANCE = 1e-6
-"""What may lack of a region that counts as around a link, in [m]: more than the walk loses."""
+"""Tolerance by which a region counts as around a link, in [m]; exceeds the iteration's error."""
 
 
 def check_entrances(arm: WatchedArm) -> None:
-    """Refuse a table with an entrance that holds all places that a watched link can be at.
+    """Refuse a table with an entrance that contains all places that a watched link can reach.
 
-    Then a body that nobody has reported could touch that link in every posture, and each verdict
-    would be a STOP.
+    Otherwise a body that no source has reported could touch that link in every posture, and every
+    verdict would be a STOP.
 
     Args:
         arm: The arm and its obstacles.
@@ -67,13 +67,13 @@ def check_entrances(arm: WatchedArm) -> None:
 
 
 def distance_to_hull(place: FloatArray, points: FloatArray) -> float:
-    """Distance from a place to the hull of some points, or a little more, in [m].
+    """Distance from a place to the hull of some points, or slightly more, in [m].
 
-    By moving weight from one corner to another; the place that is reached is always in the hull.
+    Iterates by moving weight from one corner to another; each iterate is in the hull.
 
     Args:
-        place: In [m]. Shape (3,).
-        points: In [m]. Shape (k, 3).
+        place: The place in [m]. Shape (3,).
+        points: The points in [m]. Shape (k, 3).
     """
     corners = points - place
     weights = np.zeros(len(corners))

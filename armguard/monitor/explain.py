@@ -1,8 +1,8 @@
-"""Why a verdict is as it is: what decided, and what would have made it better.
+"""Explains a verdict: the deciding pair, and what would have improved the verdict.
 
-Joint bounds are taken on a grid of times, and single differences would show the grid: what a small
-change would buy is fitted over a range, and what a great one would buy is averaged over one. That
-takes dozens of evaluations, far longer than a tick has.
+Joint bounds are computed on a grid of times, and single differences would show the grid. So the
+effect of a small change is fitted over a range, and that of a large change is averaged over one.
+This takes dozens of evaluations, far longer than a tick.
 """
 
 from __future__ import annotations
@@ -22,59 +22,60 @@ from armguard.robot.stop_time import compute_stop_time
 from armguard.scheduling.scheduler import Scheduler, Tick
 
 STEPS = 21
-"""Evaluations behind each figure."""
+"""Number of evaluations for each figure."""
 
 COARSE, FINE = (0.05, 0.02), (0.001, 0.001)
 """Half the ranges of distances and ages, in [m] and [s]: for bounds on a grid of times, others."""
 
 MILLISECOND, MILLIMETRE, PACE = 1e-3, 1e-3, 1.0
-"""What there could be less of: [s], [m], [m/s]."""
+"""Quantities that could be smaller: [s], [m], [m/s]."""
 
 
 class Gain(NamedTuple):
-    """What a little less of something would buy."""
+    """Effect of a small reduction of a quantity."""
 
     what: str
     """Such as "1 ms less latency"."""
     seconds: float
-    """By how much later contact would be, or the arm at rest earlier, [s]."""
+    """By how much contact would be later, or rest earlier, in [s]."""
     metres: float
-    """How much nearer the obstacle could be for the same verdict, as distance counts here, [m]; NaN
-    where no distance would make a difference."""
+    """How much nearer the obstacle could be for the same verdict, in [m]; NaN if distance has no
+    effect."""
 
 
 class Explanation(NamedTuple):
-    """What a verdict rests on, for people; times in [s]."""
+    """Explanation of a verdict for people; times in [s]."""
 
     link: str
     obstacle: str
     bound: str
-    """What decided, one of `BOUND_NAMES`."""
+    """The bound that decided, one of `BOUND_NAMES`."""
     contact_time: float
     """As in the verdict."""
     fresh_contact_time: float
-    """What a look at this moment says."""
+    """Contact time by an evaluation at this moment."""
     stop_time: float
     obstacle_age: float
-    """Of the obstacle's state, accepted or else refused; 0 for one that stands still for ever and
-    for an entrance, NaN for one that could be anywhere."""
+    """Age of the obstacle's state, accepted or else refused; 0 for a static or an entrance, NaN for
+    an obstacle that could be anywhere."""
     arm_age: float
-    """Of the joint state."""
+    """Age of the joint state."""
     look_age: float
-    """Since the pair was looked at."""
+    """Time since the last evaluation of the pair."""
     gains: tuple[Gain, ...]
-    """What less latency of verdicts, age of the obstacle's state, assumed speed and cover would
-    buy, in this order and each by itself; 0 for what has no part in it."""
+    """Effects of less latency of verdicts, age of the obstacle's state, assumed speed, and cover
+    protrusion, in this order, each by itself; 0 without effect."""
     remedies: tuple[str, ...] = ()
-    """What would have avoided the STOP, each by itself, in words; empty where there was none, where
-    nothing that was tried would have, and where the arm's motion is bounded otherwise."""
+    """Remedies that would have avoided the STOP, each by itself, in words. Empty if there was no
+    STOP, if no tried remedy would have avoided it, or if the arm's motion is bounded by other
+    means."""
 
     def __str__(self) -> str:
         lines = [
             f"{self.link} and {self.obstacle}: contact time {self.contact_time:.3f} s "
             f"by the {self.bound} bound, stop time {self.stop_time:.3f} s",
             f"obstacle seen {1e3 * self.obstacle_age:.1f} ms ago, arm {1e3 * self.arm_age:.1f} ms, "
-            f"pair looked at {1e3 * self.look_age:.1f} ms ago; a look now says "
+            f"pair evaluated {1e3 * self.look_age:.1f} ms ago; evaluated now: "
             f"{self.fresh_contact_time:.3f} s",
         ]
         for gain in self.gains:
@@ -93,7 +94,8 @@ def explain_pair(
         robot: The arm.
         tick: The last one.
         pair: Row × links + link.
-        braking_delay: From a tick until its STOP brakes, in [s]: period, latency and reaction.
+        braking_delay: Time from a tick until its STOP brakes, in [s]: period, latency and reaction
+            time.
     """
     state, names = scheduler.arm.state, scheduler.arm.names(pair)
     row, link = divmod(pair, len(scheduler.arm.links))
@@ -143,14 +145,14 @@ def explain_pair(
 def _find_gains(
     what_if: WhatIf, state: TickState, row: int, ranges: tuple[float, float], saved: float
 ) -> tuple[Gain, ...]:
-    """What would make a pair's verdict better.
+    """Effects of small reductions on a pair's verdict.
 
     Args:
-        what_if: Answers questions about the pair.
+        what_if: Evaluates the pair under changes.
         state: The last tick's numbers.
         row: Of the obstacle.
         ranges: Half those of distances and of ages, in [m] and [s].
-        saved: By how much earlier the arm rests for a millisecond less of latency, in [s].
+        saved: How much earlier the arm is at rest with 1 ms less latency, in [s].
     """
 
     def times(changes: list[Change]) -> FloatArray:
@@ -188,7 +190,7 @@ def _fit_slope(values: FloatArray, times: FloatArray) -> float:
 
 
 def _mean_difference(later: FloatArray, times: FloatArray) -> float:
-    """By how much later one is than the other; inf where it is never, and the other is sometime."""
+    """Mean difference of two contact times; inf if only the first is infinite."""
     usable = np.isfinite(times)
     if not usable.any():
         return 0.0

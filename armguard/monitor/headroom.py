@@ -1,4 +1,4 @@
-"""Looking ahead for people: how much more a monitor could watch, and where a fresh look would help.
+"""Predictions for people: how much more a monitor could watch, and what to measure next.
 
 Never part of a tick.
 """
@@ -17,30 +17,30 @@ from armguard.scheduling.scheduler import Listing, Tick
 
 
 class Headroom(NamedTuple):
-    """What a monitor spends, and what it could still take on before its budget breaks.
+    """Load of a monitor, and how much more it could watch within its budget.
 
-    Predicted from how imminent all obstacles are now: as many times as many of them, spread alike.
-    Beyond that, answers get staler than the settings allow, and so contact times shorter than
-    they need be. Where a certificate ends before its turn comes, the stop decision is made about
-    it, and where that has no budget left either, the verdict is a STOP: see `ReasonKind.OVERDUE`.
+    The prediction assumes more obstacles with the present distribution of contact times. Beyond it,
+    answers get older than the settings allow, so contact times get shorter than necessary. If a
+    certificate expires before its evaluation, the stop decision is made about its pair. If the
+    budget does not suffice for that, the verdict is a STOP: see `ReasonKind.OVERDUE`.
     """
 
     obstacles: int
     """Watched now."""
     evaluations: float
-    """Expected in a tick as things are."""
+    """Expected evaluations in a tick at present."""
     budget: float
-    """Allowed in a tick; inf without a limit."""
+    """Permitted evaluations in a tick; inf without a limit."""
     most_obstacles: float
-    """At which the budget breaks; inf without a limit."""
+    """Number of obstacles at which the budget is exceeded; inf without a limit."""
     slowest_rate: float
-    """Ticks a second below which it breaks, in [Hz]; 0 without a limit."""
+    """Rate of ticks below which the budget is exceeded, in [Hz]; 0 without a limit."""
 
 
 def predict_headroom(
     obstacles: int, evaluations: float, period: float, budget: int | None
 ) -> Headroom:
-    """Headroom from what is expected.
+    """Compute the headroom from the expected load.
 
     Args:
         obstacles: Watched now.
@@ -55,16 +55,16 @@ def predict_headroom(
 
 
 class Attention(NamedTuple):
-    """An obstacle that a sensor had better look at next."""
+    """An obstacle that a sensor should measure next."""
 
     obstacle: str
     contact_time: float
-    """As the monitor knows it, in [s]."""
+    """Its least contact time, in [s]."""
     age: float
-    """Of its last state, in [s]."""
+    """Age of its last state, in [s]."""
     gain: float
-    """By how much later the verdict's contact time would be with a fresh state of this obstacle,
-    where its velocity has carried it, and of those named before it, in [s]."""
+    """How much longer the verdict's contact time would be with fresh states of this obstacle and of
+    those listed before it, in [s]. A fresh state is predicted with the obstacle's velocity."""
 
 
 def rank_attention(
@@ -75,13 +75,13 @@ def rank_attention(
     ids: list[str],
     limit: int,
 ) -> list[Attention]:
-    """Obstacles whose fresh states would raise the verdict's contact time most, first things first.
+    """Rank obstacles by how much their fresh states would raise the verdict's contact time.
 
-    The soonest obstacle alone holds the verdict's time down. With it seen anew the next one does,
-    and so on: the order is that in which they stand in each other's way.
+    The obstacle with the least contact time alone limits the verdict's contact time. With a fresh
+    state of it, the next obstacle limits it, and so on: this gives the order.
 
     Args:
-        listing: Of imminent obstacles; one more than `limit` tells what the last would gain.
+        listing: Listing of imminent obstacles; one more than `limit`, to compute the last gain.
         state: The last tick's numbers, with the arm prepared.
         watched: Which pairs are watched, by row × links + link. Shape (n,).
         tick: The last one.

@@ -1,8 +1,7 @@
-"""What is wrong with a joint state, as the reason of a verdict.
+"""Describes refused joint states as reasons of a verdict.
 
-`armguard.robot` decides which states are believed and answers with a code, a joint and numbers;
-here they become words. What was handed over instead of arrays is read here as well, before that
-decision.
+`armguard.robot` decides which states are believed, and answers with a code, a joint and numbers;
+here they become words. This module also converts arguments to arrays before that decision.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ UNIX_LEAD = 1e9
 def read_joint_vectors(
     q: ArrayLike | Reason, v: ArrayLike, joints: int
 ) -> tuple[FloatArray, FloatArray] | Reason:
-    """Plain arrays of whatever was given for positions and velocities, or what is wrong.
+    """Convert positions and velocities to plain arrays; a reason replaces an unusable one.
 
     Args:
-        q: Joint positions, [rad] or [m]; expected of shape (nv,). A reason stands for what was
-            refused for it.
+        q: Joint positions, [rad] or [m]; expected of shape (nv,). A reason replaces a refused
+            array.
         v: Joint velocities, [rad/s] or [m/s]; expected of shape (nv,).
-        joints: How many joints there are, nv.
+        joints: Number of joints, nv.
     """
     if isinstance(q, Reason):
         return q
@@ -51,12 +50,12 @@ def read_joint_vectors(
 def describe_refusal(
     states: JointStates, found: int, joint: int, stamp: float, q: FloatArray, v: FloatArray
 ) -> Reason:
-    """Why the joint state handed over last was refused.
+    """The reason why the last joint state was refused.
 
     Args:
-        states: What refused it.
-        found: What `JointStates.accept` found, below 0.
-        joint: For which it was refused.
+        states: The joint states, which refused it.
+        found: Result of `JointStates.accept`, below 0.
+        joint: The joint for which it was refused.
         stamp: Of the state, in [s].
         q: Its positions, [rad] or [m].
         v: Its velocities, [rad/s] or [m/s].
@@ -105,7 +104,7 @@ def describe_refusal(
         detail += f"{lower_text} to {upper_text} {unit}{rate}"
         return Reason(ReasonKind.JOINT_STATE_BEYOND_LIMITS, subject, detail)
     text, rate = {
-        POSITION_BY_ACCEL: ("moved off its course by", ""),
+        POSITION_BY_ACCEL: ("deviated from its motion by", ""),
         POSITION_BY_SPEED: ("moved by", ""),
         VELOCITY_BY_ACCEL: ("changed its velocity by", "/s"),
         VELOCITY_BY_SPEED: ("moved at", "/s"),
@@ -119,21 +118,21 @@ def describe_refusal(
 
 
 def describe_lead(lead: float, most: float) -> str:
-    """How far a stamp lies ahead, in words; and which clock it may be of.
+    """Describe how far a stamp is ahead, and which clock it may come from.
 
     Args:
         lead: Stamp minus the monitor's time, in [s].
-        most: What is allowed, in [s].
+        most: The greatest permitted lead, in [s].
     """
     found, allowed = _spell(lead, most, digits=3)
     told = f"stamp {found} s ahead of the monitor's clock, expected at most {allowed} s"
     if lead > UNIX_LEAD:
-        told += '; it looks like Unix time, which clock = "unix" in the cell file says'
+        told += '; it looks like Unix time: if it is, set clock = "unix" in the cell file'
     return told
 
 
 def describe_unbraked(states: JointStates, age: float) -> Reason | None:
-    """Which joint may be faster when its brakes bite than they are stated for; None if none may.
+    """The reason that a joint may be too fast for its brakes when they engage; else None.
 
     Args:
         states: The joint states, of which the last is meant.
@@ -165,7 +164,7 @@ def describe_unbraked(states: JointStates, age: float) -> Reason | None:
 
 
 def describe_runaway(states: JointStates) -> Reason | None:
-    """Why a joint cannot be kept from running into its stop; None if all can."""
+    """The reason that a joint cannot stop before its position limit; None if all can."""
     joint, robot = states.find_runaway(), states.robot
     if joint == NO_JOINT:
         return None
@@ -200,7 +199,7 @@ def _read_vector(name: str, values: ArrayLike, joints: int) -> FloatArray | Reas
 
 
 def _spell(value: float, *limits: float, digits: int) -> list[str]:
-    """A value and its limits with at least so many digits, and as many as tell it from them."""
+    """A value and its limits, with enough digits to distinguish the value from them."""
     while digits < 17:
         texts = [f"{number:.{digits}g}" for number in (value, *limits)]
         if texts[0] not in texts[1:]:

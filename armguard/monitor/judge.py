@@ -1,4 +1,4 @@
-"""From what a tick's evaluations found to its verdict: level, speed scale, proof and margin."""
+"""Makes the verdict from a tick's evaluations: level, speed scale, certificate and margin."""
 
 from __future__ import annotations
 
@@ -41,40 +41,40 @@ if TYPE_CHECKING:
     from armguard.pairs.separation_margin import SeparationMargin
 
 NO_NAMES = (None, None)
-"""Of link and obstacle, where no pair decides."""
+"""Names of link and obstacle if no pair decides."""
 
 
 class Contact(NamedTuple):
-    """What a verdict says of the contact that could come first."""
+    """The first possible contact of a verdict."""
 
     names: tuple[str | None, str | None]
-    """Of its link and obstacle."""
+    """Names of its link and obstacle."""
     time: float
-    """When it could come at the earliest, in [s] from now."""
+    """Its contact time, in [s] from now."""
     harm_time: float
-    """When one could come that no limit permits, alike."""
+    """The harm time, in [s] from now."""
     speed: float | None
-    """How fast a contact is at most, in [m/s]; None where no contact limits are stated."""
+    """Bound on the contact speed, in [m/s]; None without contact limits."""
 
 
 MOST_SLOW_SCALE = 1.0 - STEP
-"""The most that is given out while the level is SLOW."""
+"""Greatest speed scale while the level is SLOW."""
 
 
 class Judge:
-    """Makes verdicts of ticks whose arm state is believed.
+    """Makes verdicts of ticks whose joint state is believed.
 
     Args:
         robot: The arm.
         scheduler: Knows the pairs.
-        states: Knows the joint states.
+        states: Provides the joint states.
         rule: Makes levels.
         settings: Of the monitor.
-        in_force: What joints keep to while the arm works, and how they stop, shared.
+        in_force: The operating limits and brakes in force; shared.
 
     Attributes:
-        pieces: Pieces that the arm may be on; None where plans are not judged.
-        certificate_inputs: What the last verdict's certificate is about.
+        pieces: Pieces that the arm may be on; None if plans are not judged.
+        certificate_inputs: Inputs of the last verdict's certificate.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Judge:
         self._compile(robot)
 
     def reset(self) -> None:
-        """Forget speed scales and committed pieces."""
+        """Drop speed scales and committed pieces."""
         self._late_data.reset()
         self._doubtful.reset()
         self._rising.reset()
@@ -140,8 +140,8 @@ class Judge:
         Args:
             stamp: Of the joint state, in [s].
             tick: The tick.
-            result: What its evaluations found.
-            reasons: What there is to say already; more is added.
+            result: Result of its evaluations.
+            reasons: Reasons so far; further ones are added.
             unplaced: Whether there are obstacles that found no room, and could be anywhere.
         """
         rule, stopping, pieces = self._rule, self._stopping, self.pieces
@@ -266,13 +266,13 @@ class Judge:
         return verdict
 
     def refuse(self, stamp: float, tick: Tick, reason: Reason, since: str) -> Verdict:
-        """The verdict of a tick whose joint state is not believed: the worst of everything.
+        """The verdict of a tick whose joint state is not believed: the worst case of each field.
 
         Args:
-            stamp: Of the joint state, in [s]; it may be no number.
+            stamp: Stamp of the joint state, in [s]; can be NaN.
             tick: The tick, whose arm may never stop.
-            reason: What there is against the joint state; it is latched if it is of a kind that is.
-            since: When that was, in words.
+            reason: Why the joint state is not believed; it is latched if its kind latches.
+            since: Time of the reason, in words.
         """
         if self.pieces is not None:
             self.pieces.reset()
@@ -299,7 +299,7 @@ class Judge:
         complete: bool,
         cause: Held | None = None,
     ) -> Verdict:
-        """The one place where a verdict is made; reasons are those beside what is latched."""
+        """Make a verdict; all verdicts are made here. `reasons` excludes the latched ones."""
         latched = self._rule.latched
         proved_until = None if self.pieces is None else self.pieces.proved_until
         stop = None
@@ -333,7 +333,7 @@ class Judge:
         )
 
     def _find_permitted_on_piece(self) -> PermittedContact:
-        """The contact that is permitted and possible on pieces that the arm may be on."""
+        """The reason for permitted contact that is possible on pieces the arm may be on."""
         assert self.pieces is not None, "asked where there are pieces alone"
         pair, speed = self.pieces.permitted
         if pair < 0:
@@ -347,12 +347,12 @@ class Judge:
         return math.inf if permitted is None else permitted.greatest
 
     def _tell_forbidden(self, tick: Tick, level: Level, offending: int) -> list[Reason]:
-        """Why limits forbid the contact that a STOP, or the scale of a SLOW, rests on.
+        """Why limits forbid the contact that led to a STOP, or to the scale of a SLOW.
 
         Args:
             tick: The tick.
             level: Its level, which is not held from earlier ones.
-            offending: For which pair the stop decision was denied; NOBODY if it was not.
+            offending: The pair for which the stop decision failed; NOBODY if it did not.
         """
         limits, stopping = self._limits, self._stopping
         if limits is None or stopping is None:
@@ -366,7 +366,7 @@ class Judge:
         return [] if told is None else [told]
 
     def _tell_contact(self, pair: int, names: tuple[Any, Any], contact_time: float) -> Reason:
-        """Which pair the level rests on, and by what bound."""
+        """The reason that names the deciding pair and its bound."""
         arm = self._scheduler.arm
         link, obstacle = names
         bound = BOUND_NAMES[self._scheduler.find_bound(pair)]
@@ -375,20 +375,20 @@ class Judge:
         if partner != NO_PARTNER:
             detail += f", as it is tethered to {arm.obstacles.ids[partner]}"
         if arm.obstacles.is_entrance(pair // len(arm.links)):
-            detail += ", by what may come out of it unseen"
+            detail += ", by a body that may come out of it unseen"
         return Reason(ReasonKind.CONTACT, f"{link} and {obstacle}", detail)
 
     def _tell_spent(self, stopping: StopDecision) -> Reason:
-        """That the user's budget did not suffice to find out whether the arm rests in time."""
+        """The reason that the budget did not suffice for the stop decision."""
         some = "1 obstacle" if stopping.left == 1 else f"{stopping.left} obstacles"
         detail = f"{some} not decided about after {self._budget} evaluations"
         return Reason(ReasonKind.BUDGET_SPENT, f"budget={self._budget}", detail)
 
     def _find_proved_scale(self, tick: Tick, contact_time: float) -> float:
-        """What is proved of a speed scale, as far as it may be given out; 1: of any speed.
+        """The proved speed scale, limited to what may be given out; 1: any speed is proved.
 
-        A scale that promises something is never above what brakes are stated for. Safety does not
-        rest on it: whether an arm that is faster has to stop, is what the level says.
+        A scale below 1 never exceeds the speeds that brakes are stated for. Safety does not depend
+        on it: the level says whether a faster arm must stop.
         """
         stopping = self._stopping
         if stopping is None:
@@ -408,11 +408,11 @@ class Judge:
     def _give_scale(
         self, tick: Tick, level: Level, proved: float | None, *, is_proved: bool
     ) -> float:
-        """The speed scale of a tick: 0 in STOP, and in SLOW below 1 and no more than is proved.
+        """The speed scale of a tick: 0 in STOP; in SLOW below 1 and at most the proved scale.
 
-        It rises at a bounded rate, in every level. In AWARE and CLEAR nothing else limits it: SLOW
-        comes in time, for while a level is higher, the arm can stop before contact at whatever
-        speed it has. A committed piece is run as it was proved, and not slower.
+        It rises at a bounded rate in every level. In AWARE and CLEAR nothing else limits it: at
+        these levels the arm can stop before contact from any speed, so SLOW comes in time. A
+        committed piece must be followed as it was proved, not slower.
         """
         limit = 1.0
         if level is SLOW:
@@ -425,9 +425,9 @@ class Judge:
         return self._rising.follow(tick.now, limit)
 
     def _find_most_scale(self, stopping: StopDecision) -> float:
-        """What no scale exceeds, since brakes are not stated for more; found at changes only.
+        """The greatest scale that stated brakes allow; computed only when they change.
 
-        A joint that keeps to it may speed up from there until its brakes bite.
+        A joint at this scale may still accelerate until its brakes engage.
         """
         in_force = self._in_force
         if in_force.revision != self._most_scale_of:
@@ -444,7 +444,7 @@ class Judge:
     def _measure_separation(self, tick: Tick, *, unplaced: bool) -> float:
         """Margin of the separation distance in [m].
 
-        What found no room could be anywhere, and so could an arm that nothing is known to stop.
+        It is negative infinite if obstacles found no room, or if the arm is not known to stop.
         """
         assert self._separation is not None, "called only where there is a rule"
         if unplaced or tick.stop_time == math.inf:
@@ -454,7 +454,7 @@ class Judge:
         return self._separation.margin(state, tick.stop_time, watched)
 
     def _prove(self, tick: Tick, pair: int) -> Certificate | None:
-        """Certificate of the deciding pair, where there is anything to prove."""
+        """Certificate of the deciding pair; None if there is nothing to prove."""
         self.certificate_inputs = None
         if pair == NOBODY:
             return None

@@ -1,10 +1,10 @@
-"""Since when joints have surely kept to some speeds: what proofs about such an arm rest on.
+"""Finds since when joints have kept below given speeds, a premise of proofs about slow arms.
 
-A speed is measured at its stamp, within an error, and changes by no more than the acceleration
-limit, before the stamp and after. So it is known for how long either way it was surely below a
-bound; where these times of successive states meet, it was so all along.
+A speed is measured at its stamp, within an error, and its rate of change is at most the
+acceleration limit. So for some time before and after the stamp it was certainly below a bound. If
+these times of successive states overlap, it was below the bound all along.
 
-Without it a speed scale below 1 is proved anew in every tick: beside a person at 1.1 m in
+Without it, a speed scale below 1 is proved again in every tick: beside a person at 1.1 m in
 `bench_near` a tick takes 76 evaluations instead of 18, and its median rises by a third.
 """
 
@@ -26,11 +26,11 @@ from armguard.scheduling.scheduler import Tick
 
 
 class KeptSpeeds:
-    """Follows the joint states of an arm that is to keep to a fraction of its velocities.
+    """Follows the joint states of an arm that must keep below a fraction of its velocities.
 
     Attributes:
-        stop_time: In which the arm rests that has kept to the speeds asked for last until brakes
-            bite, in [s] from the tick.
+        stop_time: Stop time of an arm that keeps the requested speeds until brakes engage, in [s]
+            from the tick.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class KeptSpeeds:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was kept to so far."""
+        """Drop the history."""
         self.stop_time = math.inf
         self._since = math.inf
         self._until = -math.inf
@@ -49,18 +49,18 @@ class KeptSpeeds:
     def follow(
         self, tick: Tick, scale: float, braking: BrakingMotion, ahead: float, horizon: float
     ) -> float:
-        """Take a tick's joint state: since when has the arm kept to what was asked of it so far?
+        """Process a tick's joint state; returns since when the arm has kept the requested speeds.
 
         Args:
             tick: The tick.
-            scale: What it is to keep to, as a fraction of its operating velocities.
-            braking: Of the arm; its limits count.
-            ahead: For how long it must surely keep to it from this tick on, in [s].
-            horizon: Until it is told to stop, in [s] from the tick.
+            scale: The requested fraction of its operating velocities.
+            braking: Braking motion of the arm, with its limits.
+            ahead: How long it must still keep them from this tick on, in [s].
+            horizon: Time until its STOP, in [s] from the tick.
 
         Returns:
-            In [s] since the epoch: proofs made since then, for the speeds asked for at their time,
-            hold for these speeds. It is inf where a joint is, or may be by then, too fast.
+            Time in [s] since the epoch: proofs made since then, for the speeds requested at their
+            time, hold. It is inf if a joint is, or may get, too fast.
         """
         if braking is not self._braking:
             # To find out for each call what it is called with would take longer than the answer.
@@ -91,14 +91,14 @@ class KeptSpeeds:
 def _compare_speeds(
     handle: Any, v: FloatArray, age: float, scale: float, free: float, bound: FloatArray
 ) -> tuple[float, float, bool]:
-    """For how long joints surely were and are no faster than a fraction of their velocities.
+    """How long joints certainly were, and stay, below a fraction of their velocities.
 
     Args:
         handle: On the `BrakingData` of an arm.
         v: Measured joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
         age: Of the joint state, in [s].
         scale: That fraction of their operating velocities.
-        free: Until brakes bite, in [s].
+        free: Time until brakes engage, in [s].
         bound: Filled with these speeds. Shape (nv,).
 
     Returns:

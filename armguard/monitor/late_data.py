@@ -1,9 +1,9 @@
-"""Whether a low level rests on data that came later than usual.
+"""Finds whether a low level rests on data that are older than usual.
 
-A state that is older than usual bounds less: contact seems nearer, and a STOP may rest on a pause
-of a camera alone. So the age of each source's data is followed, and where a low level rests on data
-of an unusual age, the tick is evaluated once more as if they had their usual age. That answer is
-for people; it never changes the verdict.
+An older state gives wider bounds, so contact times are shorter, and a pause of a camera alone can
+cause a STOP. So the age of each source's data is followed. If a level is low and data are older
+than usual, the tick is evaluated once more with data of their usual age. This answer is for people;
+it never changes the verdict.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from armguard.settings.settings import Settings
 from armguard.verdict import Level, Reason, ReasonKind
 
 SAMPLING = 0.01
-"""All ages are sampled once in each such time, in [s]."""
+"""Interval at which all ages are sampled, in [s]."""
 GOLDEN_RATIO = 0.5 * (math.sqrt(5.0) - 1.0)
 """Its multiples spread evenly between two whole numbers. So samples of ages come at all phases of
 a regular source, whatever its rate, and at the same instants in a replay."""
 SAMPLES = 1000
-"""Ages of each source that are remembered: those of 10 s."""
+"""Number of stored ages of each source: those of 10 s."""
 FEWEST_SAMPLES = 50
-"""Ages from which a usual one is found."""
+"""Number of ages from which on the usual age is known."""
 UNUSUAL, UPPER_SHARE, UNUSUAL_UPPER = 2.0, 0.75, 1.5
 """Data are late that are older than so many times the median, and than so many times the age below
 which that share of ages lies. Between two messages age rises from the latency to the latency and a
@@ -42,16 +42,16 @@ JOINT_STATES = "joint states"
 
 
 class UsualAge:
-    """The median age of what a source has told, over the last 10 s.
+    """The median age of a source's data over the last 10 s.
 
     Args:
-        latency: How old the data are when they come, in [s], as stated.
-        period: Between two messages, in [s], as stated; None: no age is usual until there are
-            enough samples.
+        latency: Configured age of the data at arrival, in [s].
+        period: Configured time between two messages, in [s]; None: the usual age is unknown until
+            there are enough samples.
 
     Attributes:
-        median: In [s], to a tenth of itself; None while it is not known.
-        latest_usual: Data are late that are older, in [s]; infinite while that is not known.
+        median: Median in [s], precise to 10 %; None while it is unknown.
+        latest_usual: Age above which data are late, in [s]; infinite while it is unknown.
     """
 
     def __init__(self, latency: float = 0.0, period: float | None = None) -> None:
@@ -63,7 +63,7 @@ class UsualAge:
         self._count = 0
 
     def add(self, age: float) -> None:
-        """Take in one age, in [s]; one that is no number counts as the longest."""
+        """Add one age, in [s]; NaN counts as the longest."""
         place = BINS - 1
         if age <= SHORTEST:
             place = 0
@@ -88,14 +88,14 @@ class UsualAge:
         return SHORTEST * 2.0 ** ((place - 0.5) / PER_OCTAVE) if place else SHORTEST
 
     def find_lateness(self, age: float) -> float:
-        """By how much an age exceeds the usual one, in [s]; 0 where that is not unusual."""
+        """How much an age exceeds the usual one, in [s]; 0 if it is not late."""
         if not age > self.latest_usual or self.median is None:
             return 0.0
         return age - self.median
 
 
 class LateData:
-    """Follows the ages of data, and says which level data of their usual age would earn.
+    """Follows the ages of data, and computes the level with data of their usual age.
 
     Args:
         obstacles: The table.
@@ -103,7 +103,7 @@ class LateData:
         settings: Of the monitor.
 
     Attributes:
-        sample_at: When the next ages are to be taken in, in [s].
+        sample_at: Time of the next sampling of ages, in [s].
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class LateData:
         self.reset()
 
     def reset(self) -> None:
-        """Time may start anew; usual ages stay what they are."""
+        """Restart, since the clock may start anew; usual ages are kept."""
         self._slot = self.sample_at = self._asked_at = self._calm_until = -math.inf
         self._asked: tuple[Level, bool, tuple[int, ...]] | None = None
         self._fresh: Level | None = Level.STOP
@@ -130,7 +130,7 @@ class LateData:
         self._lateness: dict[str, float] = {}
 
     def follow(self, tick: Tick) -> None:
-        """Take in the ages of a tick that is not before `sample_at`."""
+        """Sample the ages of a tick that is not before `sample_at`."""
         # One instant in each slot; after a pause slots begin anew.
         slot = self._slot + SAMPLING
         self._slot = slot if tick.now < slot + SAMPLING else tick.now
@@ -148,11 +148,11 @@ class LateData:
                 ages.add(tick.now - state.newest)
 
     def explain(self, tick: Tick, level: Level) -> list[Reason]:
-        """Reasons that name late data, where these alone have made the level of a tick so low.
+        """Reasons that name late data, if these alone have lowered the level of a tick.
 
-        Where too many pairs are near to look that up, the reasons say so. What fresh data would
-        give is looked up anew after `LOOK_INTERVAL`, and where the level is another or other
-        sources are late.
+        If too many pairs are near to compute that, the reasons say so. The level with fresh data is
+        computed again after `LOOK_INTERVAL`, when the level changes, or when other sources are
+        late.
 
         Args:
             tick: The tick.
@@ -182,7 +182,8 @@ class LateData:
         if any(lateness < self._lateness.get(name, 0.0) for name, (_, lateness) in ages.items()):
             return []
         self._lateness = self._lateness or {name: late for name, (_, late) in ages.items()}
-        kind, told = ReasonKind.LATE_DATA_UNKNOWN, "more pairs are near than are looked up"
+        kind = ReasonKind.LATE_DATA_UNKNOWN
+        told = "too many pairs are near to compute the level with fresh data"
         if fresh is not None:
             kind, told = ReasonKind.LATE_DATA, f"with fresh data: {fresh.name}"
         return [
@@ -197,10 +198,10 @@ class LateData:
     def _look(
         self, tick: Tick, level: Level, arm_late: float, sources: dict[int, str]
     ) -> tuple[Level | None, list[int]]:
-        """The level that fresh data would give, and the numbers of the late sources that matter.
+        """The level with fresh data, and the numbers of the late sources that matter.
 
-        That is `level` where no late data matter, and None where it is unknown: what is less
-        imminent than the pairs that are evaluated could lower it as far.
+        It is `level` if no late data matter. It is None if it is unknown, because pairs that are
+        not evaluated again could lower it as far.
         """
         near = self._look_again.find_near(tick)
         late = self._find_late_rows(near.rows, tick.now, sources)
@@ -215,7 +216,7 @@ class LateData:
         return fresh, owners
 
     def find_hidden(self, row: int, now: float) -> float:
-        """How long a body was not seen, in [s], if that is unusual beside its source; else 0."""
+        """How long a body was not seen, in [s], if that is unusual for its source; else 0."""
         table = self._obstacles.table
         owner, age = int(table.owner[row]), now - float(table.accepted.stamp[row])
         if owner >= len(self._source_ages) or not age > self._source_ages[owner].latest_usual:
@@ -224,11 +225,11 @@ class LateData:
         return age if self._obstacles.source_states[owner].newest > table.stamp[row] else 0.0
 
     def find_shortest_usual(self) -> float:
-        """What every source sends within, in [s], in the usual way; inf where there is none."""
+        """The shortest usual age of all sources, in [s]; inf without any source."""
         return min((ages.latest_usual for ages in self._source_ages), default=math.inf)
 
     def find_usual(self, row: int) -> float:
-        """The usual age of what the source of a body sends, in [s]."""
+        """The usual age of data of a body's source, in [s]."""
         return self._source_ages[int(self._obstacles.table.owner[row])].median or 0.0
 
     def _find_late_sources(self, now: float) -> dict[int, str]:
@@ -240,7 +241,7 @@ class LateData:
         }
 
     def _find_calm(self, now: float) -> float:
-        """Until when no source can become late, in [s]: new data and nothing else lower ages."""
+        """Time until which no source can become late, in [s]: only new data lower ages."""
         return min(
             (
                 state.newest + ages.latest_usual
@@ -253,7 +254,7 @@ class LateData:
         )
 
     def _find_late_rows(self, rows: IntArray, now: float, late: dict[int, str]) -> dict[int, float]:
-        """By how much states of late sources are older than usual, in [s], by row."""
+        """How much states of late sources are older than usual, in [s], by row."""
         table = self._obstacles.table
         found = {}
         for row in rows.tolist():
@@ -264,7 +265,7 @@ class LateData:
         return {row: lateness for row, lateness in found.items() if lateness > 0.0}
 
     def _grade(self, tick: Tick, near: NearPairs, arm_late: float, late: dict[int, float]) -> Level:
-        """The level that data of their usual ages would earn."""
+        """The level with data of their usual ages."""
         stamps = self._obstacles.table.accepted.stamp
         known = {row: float(stamps[row]) for row in late}
         try:

@@ -1,4 +1,4 @@
-"""From contact time and faults to a level.
+"""Computes a level from contact time and faults.
 
 The level falls at once and rises only after `rise_delay` seconds of evidence, so that a verdict
 never flutters upwards. Whatever is unknown counts as the worst case, which is STOP.
@@ -18,15 +18,16 @@ every tick reads a dozen of them."""
 
 
 NO_CAUSE = Held(None, math.inf, math.inf, -math.inf, -math.inf)
-"""Of a level that no tick began."""
+"""Cause of a level that no tick began."""
 
 
 class VerdictRule:
-    """From contact time and faults to a level, with memory for `rise_delay` and latched faults.
+    """Computes levels, with memory for `rise_delay` and latched faults.
 
-    The level given out is the lowest raw level of the last `rise_delay` seconds: it falls at once,
-    and rises when the whole of that time spoke for it. The first complete verdict after
-    construction stands at once. What began a level is kept for as long as the level may be held.
+    The published level is the lowest raw level of the last `rise_delay` seconds: it falls at once,
+    and rises after the whole of that time supports it. The first complete verdict after
+    construction is published at once. The cause of a level is kept as long as the level can be
+    held.
 
     Args:
         settings: Margins of levels, and how long evidence must last before one rises.
@@ -44,14 +45,14 @@ class VerdictRule:
         self._causes = [NO_CAUSE] * len(Level)
         self._raw: Level = CLEAR
         self.begins = False
-        """Whether what the last tick earned by itself begins with it, so that its cause is to be
-        kept; in most ticks it does not."""
+        """Whether the level of the last tick begins with it, so that its cause must be kept;
+        rare."""
 
     def reset(self) -> None:
-        """Forget latched faults and held levels; the next tick counts as evidence for STOP.
+        """Drop latched faults and held levels; the next tick counts as evidence for STOP.
 
-        What latched was no passing thing, so levels rise only when there was evidence for
-        `rise_delay` seconds again. Time may start anew.
+        Latched faults are serious, so levels rise only after evidence for `rise_delay` seconds. The
+        clock may start anew.
         """
         self.latched.clear()
         self._settled = self._was_reset = True
@@ -59,7 +60,7 @@ class VerdictRule:
         self._causes = [NO_CAUSE] * len(Level)
 
     def latch(self, reason: Reason, since: str) -> None:
-        """Hold STOP for a reason until `reset()`; the first of a kind is the one kept.
+        """Hold STOP for a reason until `reset()`; the first reason of a kind is kept.
 
         Args:
             reason: Why.
@@ -72,15 +73,15 @@ class VerdictRule:
     def grade(
         self, contact_time: float, stop_time: float, *, rests: bool = False, whole: bool = False
     ) -> Level:
-        """The level that one contact time earns by itself.
+        """The level of one contact time by itself.
 
         Args:
             contact_time: In [s] from now.
             stop_time: Time to come to rest, in [s] from now.
-            rests: Whether the arm is known to rest before any contact, if it brakes after the next
-                tick: then there is no need to stop now, however short the contact time.
-            whole: Whether an arm at any speed is known to rest, if it brakes at the end of a speed
-                scale: then there is no need to slow down.
+            rests: Whether the arm is proved to be at rest before any contact if it brakes after the
+                next tick. Then it need not stop now, however short the contact time.
+            whole: Whether an arm at any speed is proved to be at rest before contact if it brakes
+                at the end of a speed scale. Then it need not slow down.
         """
         if not contact_time > stop_time and not (rests and contact_time >= 0.0):
             return STOP
@@ -98,11 +99,11 @@ class VerdictRule:
         complete: bool,
         standing: bool,
     ) -> tuple[Level, bool]:
-        """The level to give out at `now`, and whether earlier evidence holds it down.
+        """The level to publish at `now`, and whether earlier evidence holds it down.
 
         Args:
             now: Time of this tick, in [s], never less than at the call before.
-            earned: What the contact time of this tick earns by itself; see `grade`.
+            earned: The level of this tick's contact time by itself; see `grade`.
             complete: Whether a certificate in force stands behind every pair.
             standing: Whether a standing fault is present in this tick.
         """
@@ -137,19 +138,19 @@ class VerdictRule:
         return raw, False
 
     def holds_stop(self, now: float) -> bool:
-        """Whether a STOP of before lasts until `now` at least, in [s]."""
+        """Whether an earlier STOP lasts at least until `now`, in [s]."""
         return now - self._last_at[STOP] < self.rise_delay
 
     def keep_cause(
         self, now: float, contact_time: float, stop_time: float, reasons: Sequence[Reason]
     ) -> None:
-        """Keep what this tick's own level rests on, if the level `begins` with it.
+        """Store the cause of this tick's own level, if the level `begins` with it.
 
         Args:
-            now: As in `decide`, which was called for this tick.
+            now: As in `decide`, which must be called before for this tick.
             contact_time: Of the tick, in [s] from now.
             stop_time: Of the tick, in [s] from now.
-            reasons: Of the tick, the weightiest first; beside those that are latched.
+            reasons: Reasons of the tick without latched ones, the weightiest first.
         """
         if self.begins:
             latched = next(iter(self.latched.values()), None)
@@ -157,5 +158,5 @@ class VerdictRule:
             self._causes[self._raw] = Held(reason, contact_time, stop_time, now, now)
 
     def find_cause(self, level: Level) -> Held:
-        """What began a level that is held, and when it may rise."""
+        """The cause of a held level, and the time at which it may rise."""
         return self._causes[level]._replace(rises_at=self._last_at[level] + self.rise_delay)

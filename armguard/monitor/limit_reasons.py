@@ -1,7 +1,7 @@
-"""What contact limits permit and forbid, as reasons of a verdict.
+"""Reports permitted and forbidden contact as reasons of a verdict.
 
-To find out by how much a limit is exceeded takes as long as a question of the stop decision. So it
-is asked in STOP and SLOW alone, of one obstacle, and what was found is told for `TOLD_FOR`.
+To compute how much a limit is exceeded takes as long as a stop decision. So it is computed only in
+STOP and SLOW, for one obstacle, and the result is reported for `TOLD_FOR`.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from armguard.settings.contact_limits import ContactLimits
 from armguard.verdict import Reason, ReasonKind
 
 TOLD_FOR = 0.2
-"""How long a reason stands for a pair before its figures are found anew, in [s]."""
+"""How long a reason of a pair is reported before its figures are computed again, in [s]."""
 
 
 class LimitReasons:
-    """Tells which contact is permitted or forbidden, by whom, and by how much.
+    """Reports permitted and forbidden contact, its limit, and the figures.
 
     Args:
         scheduler: Knows the pairs.
-        limits: Of contact.
+        limits: The contact limits.
     """
 
     def __init__(self, scheduler: Scheduler, limits: ContactLimits) -> None:
@@ -34,13 +34,13 @@ class LimitReasons:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was told; time may start anew."""
+        """Drop the reasons; the clock may start anew."""
         self._asked: tuple[int, str, int, float] | None = None
         self._asked_at = -math.inf
         self._told_forbidden: Reason | None = None
 
     def tell_permitted(self, permitted: PermittedContact) -> Reason:
-        """Which contact the level rests on that is permitted, up to which speed, and by whom."""
+        """The permitted contact that the level rests on, with its greatest speed and its limit."""
         link, obstacle = self._scheduler.arm.names(permitted.pair)
         regions = self._find_regions(permitted.pair)
         # A row can be another obstacle's by now, or of another region, and be touched as fast.
@@ -53,15 +53,15 @@ class LimitReasons:
         return self._told_permitted
 
     def tell_forbidden(self, tick: Tick, pair: int, horizon: float, begin: str) -> Reason | None:
-        """Why limits forbid a contact with an arm that is told to stop; None where none does.
+        """Why limits forbid a contact with an arm after a STOP; None if none does.
 
-        The table of braking is filled anew, so that this comes after all questions of the tick.
+        This overwrites the table of braking, so it must run after all stop decisions of the tick.
 
         Args:
             tick: The tick.
-            pair: In the way of the arm when that was asked last; NOBODY if none is known.
-            horizon: When the arm is told to stop, in [s] from the tick.
-            begin: Of the detail, where that has figures.
+            pair: The pair for which the last stop decision failed; NOBODY if unknown.
+            horizon: Time of the STOP, in [s] from the tick.
+            begin: Beginning of a detail with figures.
         """
         ids, row = self._scheduler.arm.obstacles.ids, pair // len(self._scheduler.arm.links)
         # It may have been removed since.
@@ -74,7 +74,7 @@ class LimitReasons:
         return self._told_forbidden
 
     def _explain(self, tick: Tick, pair: int, horizon: float, begin: str) -> Reason | None:
-        """Why a contact of a pair is forbidden, found anew."""
+        """Compute why a contact of a pair is forbidden."""
         braking = self._scheduler.arm.motion.braking
         if not braking.covers(tick.q, tick.v, tick.arm_age, horizon):
             return None
@@ -93,7 +93,7 @@ class LimitReasons:
         return int(self._scheduler.arm.obstacles.table.regions[row])
 
     def _describe(self, found: Forbidden, regions: int, begin: str) -> str:
-        """By how much a limit is exceeded, in words."""
+        """How much a limit is exceeded, in words."""
         if found.why == NEVER:
             return self._limits.describe_never(regions)
         if found.why == CLAMPED:
@@ -106,7 +106,7 @@ class LimitReasons:
         return f"{begin}at up to {speed}, above the limit of {limit} ({stated})"
 
     def _describe_clamp(self, found: Forbidden, regions: int) -> str:
-        """How far a part that is clamped could be pressed, in words."""
+        """How far a clamped body part could be pressed, in words."""
         against = "the arm itself or what is near it"
         if found.against != NOBODY:
             against = self._scheduler.arm.obstacles.ids[found.against]
@@ -122,7 +122,7 @@ class LimitReasons:
 
 
 def _round_up(figure: float) -> float:
-    """A figure with three digits, no less than it is: it is above a limit, and is to look so."""
+    """A figure rounded up to three digits, so that it stays visibly above its limit."""
     if not figure > 0.0:
         return figure
     unit = 10.0 ** (math.floor(math.log10(figure)) - 2)

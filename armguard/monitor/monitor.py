@@ -1,9 +1,9 @@
-"""The monitor: one joint state in, one verdict out, at every tick.
+"""The monitor: computes one verdict from one joint state, at every tick.
 
-The only module that knows the whole chain: joint state, kinematics, bounds, obstacles, schedule,
-evaluation, exact check, verdict. `step` never raises on what comes from outside; it says STOP and
-why. It reads no clock, does no I/O and logs nothing, so that a replay of its inputs gives the same
-verdicts to the bit.
+This module alone connects the whole chain: joint state, kinematics, bounds, obstacles, schedule,
+evaluation, exact check, verdict. `step` never raises on outside data; it returns a STOP with its
+reason. It reads no clock, does no I/O and logs nothing, so a replay of its inputs gives
+bit-identical verdicts.
 """
 
 from __future__ import annotations
@@ -70,27 +70,28 @@ if TYPE_CHECKING:
     from armguard.robot.attachments import PreparedBody
 
 NEVER = -sys.float_info.max
-"""Time of the last tick before the first one, in [s]."""
+"""Value for the time of the last tick, before the first tick, in [s]."""
 
 
 class Monitor:
     """Supervises one arm among obstacles.
 
-    Everything is compiled here, in the constructor, so that the first tick is like any other.
+    The constructor compiles all kernels, so that the first tick takes no longer than others.
 
     Args:
         robot: The arm.
-        obstacles: The table that perception writes to.
-        settings: A `Settings` record; without it, its fields as keywords.
+        obstacles: The table of obstacles, which perception updates.
+        settings: A `Settings` record. Instead, its fields can be given as keywords.
 
     Attributes:
-        settings: What it was made with; nothing that the robot decides is left open.
-        journal: Is told all that reaches the monitor, and its answers; None: nothing is.
-        choice: What `auto` chose of the settings, and why; None: nothing was chosen.
+        settings: Its settings, in which defaults that depend on the robot are resolved.
+        journal: Receives all inputs and answers of the monitor, such as a `Recorder`; None: no
+            journal.
+        choice: The settings that `auto` chose, and why; None: nothing was chosen.
 
     Raises:
-        ArmguardError: If an argument is out of range or names what does not exist, or an entrance
-            is around a link that cannot leave it.
+        ArmguardError: An argument is out of range or names something unknown, or an entrance
+            contains a link that cannot leave it.
     """
 
     @overload
@@ -188,40 +189,39 @@ class Monitor:
         keeps_cover: bool = False,
         **settings: Any,
     ) -> Monitor:
-        """A monitor with the settings that a scene requires, chosen by a trial.
+        """Make a monitor with settings that a trial chooses for a scene.
 
-        Each candidate is led through the trial with a table of its own. Chosen is the cheapest
-        whose verdicts cannot be told from those of the finest, which evaluates every pair in every
-        tick: the same level in 99 % of the ticks, and speed scales that differ by 0.01 at most on
-        average. What is chosen is how stale answers may look, the level of the cover, the motion
-        model, and a budget with room to spare. The price is counted in evaluations, so the choice
-        does not depend on the machine. Safety does not rest on it: each setting errs to the safe
-        side, and watches every link, obstacle and source; a scene that is not like the trial is
-        judged more cautiously than by the finest, never less safely.
+        Each candidate runs through the trial with its own table. The finest settings, which
+        evaluate every pair in every tick, are the reference. The result is the cheapest candidate
+        with practically the same verdicts: the same level in 99 % of the ticks, and speed scales
+        that differ by at most 0.01 on average. The trial chooses the staleness of answers, the
+        level of the cover, the motion model, and a budget with a reserve. Costs are counted in
+        evaluations, so the choice does not depend on the machine. Safety does not depend on the
+        choice: every candidate errs to the safe side and watches every link, obstacle and source.
+        In a scene unlike the trial, verdicts are more cautious than the reference, never less safe.
 
-        A trial in which the finest says one level alone, nothing but STOP or nothing but CLEAR,
-        shows nothing: what is usual stays, and the choice says so.
+        If the reference gives only one level in the trial, only STOP or only CLEAR, the trial shows
+        nothing. The defaults are kept then, and the choice says so.
 
-        The trial takes as long as some twelve monitors and the finest take for its ticks; nothing
-        of it is left in the monitor or its table.
+        The trial takes as long as about twelve monitors and the reference take for its ticks. It
+        leaves nothing in the monitor or its table.
 
         Args:
-            robot: The arm. Its cover is cut to the level that is chosen; after an error it is as
-                it was.
-            obstacles: The table, in which nothing was told yet but obstacles that stand still.
-            trial: Joint states, and what is told of obstacles between them; some seconds of the
-                motions and the people that are to be expected, nearest moments included. Or the
-                path of a recording; None: a simulated person comes up to the arm at work.
-            keeps_cover: Whether the robot's cover stays as it is.
-            **settings: As in `Monitor`; what is given here stands and is not chosen.
+            robot: The arm. Its cover is cut to the chosen level; after an error it is unchanged.
+            obstacles: The table, which must have no obstacles yet except statics.
+            trial: Joint states, and updates of obstacles between them: some seconds of the expected
+                motions and people, including their nearest moments. Or the path of a recording.
+                None: a simulated person approaches the working arm.
+            keeps_cover: Whether to keep the robot's cover unchanged.
+            **settings: As in `Monitor`; settings given here are not chosen.
 
         Returns:
-            The monitor; its `choice` says what was chosen and why.
+            The monitor; its `choice` says which settings were chosen, and why.
 
         Raises:
-            ArmguardError: A setting is unusable, the table was told already, the trial is empty or
-                has something else than `TrialTick`, or a schedule other than "deadline" is given,
-                of which there is nothing to choose.
+            ArmguardError: A setting is unusable, the table has obstacles already, the trial is
+                empty or has elements other than `TrialTick`, or a schedule other than "deadline" is
+                given, whose settings cannot be chosen.
         """
         # What tries settings stands above this package, and is loaded for a trial alone.
         from armguard import choose_settings
@@ -245,20 +245,21 @@ class Monitor:
 
     @property
     def certificate_inputs(self) -> dict[str, Any] | None:
-        """What the last verdict's certificate is about: arguments of `certificate.verify`."""
+        """The inputs of the last verdict's certificate: arguments of `certificate.verify`."""
         return self._judge.certificate_inputs
 
     @property
     def payload(self) -> float:
-        """What the arm carries at most, in [kg]: which of its brakes' entries count.
+        """Greatest mass that the arm carries, tool included, in [kg]; selects the brakes' entries.
 
-        It may be set at any time between steps, to None for the heaviest that the brakes are stated
-        for. It counts from the next step on, in which all pairs are evaluated and what was proved
-        before is forgotten. Say more before the arm lifts it, and less after it has put it down.
+        It can be set at any time between steps; None is the heaviest payload of the brakes. It
+        applies from the next step on, which drops all earlier proofs and evaluates all pairs. It
+        must be increased before the arm lifts a load, and decreased only after the arm has put it
+        down.
 
         Raises:
-            RobotError: It is no number, negative, or above what the robot's brakes are stated for;
-                the one before stays.
+            RobotError: It is not a number, is negative, or exceeds the payloads of the robot's
+                brakes. The payload is unchanged then.
         """
         return self._in_force.payload
 
@@ -272,17 +273,17 @@ class Monitor:
 
     @property
     def joint_velocities(self) -> FloatArray:
-        """Of the last joint state that was believed, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+        """Velocities of the last believed joint state, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
         return self._states.v.copy()
 
     @property
     def ticks(self) -> int:
-        """How many steps there were so far."""
+        """Number of steps so far."""
         return self._sequence
 
     @property
     def faults(self) -> int:
-        """Faults since construction: refused rows and calls, and states not believed."""
+        """Number of faults since construction: refused rows and calls, and states not believed."""
         return self._disbelieved + self.obstacles.fault_count - self._faults_before
 
     def step(
@@ -294,13 +295,14 @@ class Monitor:
     ) -> Verdict:
         """Judge one joint state.
 
-        Never raises on bad data: whatever cannot be believed is a STOP with its reason.
+        Never raises on bad data: data that cannot be believed give a STOP with its reason.
 
         Args:
-            stamp: When the joint state was measured, in [s] on the clock of the obstacles' stamps.
+            stamp: Time of measurement of the joint state, in [s] on the clock of the obstacles'
+                stamps.
             q: Joint positions in the order of `robot.joints`, [rad] or [m]. Shape (nv,).
             v: Joint velocities, [rad/s] or [m/s]. Shape (nv,).
-            now: Time of this tick, in [s]; the stamp unless given.
+            now: Time of this tick, in [s]; None: the stamp.
         """
         self._sequence += 1
         if now is None:
@@ -324,25 +326,26 @@ class Monitor:
         """Step through all joint states of a source, until it ends.
 
         Args:
-            source: Arguments of `step`, one tuple a tick: stamp, q, v and, where it is not the
-                stamp, now. What makes them may update the obstacles in between.
-            sink: Is called with each verdict.
+            source: Arguments of `step`, one tuple per tick: stamp, q, v and optionally now. The
+                iterator can update the obstacles in between.
+            sink: Called with each verdict.
         """
         for state in source:
             sink(self.step(*state))
 
     def reset(self) -> None:
-        """Forget latched faults and past joint states; every pair is evaluated anew.
+        """Drop latched faults and past joint states; every pair is evaluated again.
 
-        Operating limits that are suspended stay so until they have been kept for `rise_delay`. What
-        of the obstacles no message may ever end is forgotten as well, and named by notes of the
-        next verdict: an obstacle of which no state was ever believable; and where the sources were
-        named, another one that is silent and has no obstacle.
+        Suspended operating limits stay suspended until the arm has kept them for `rise_delay`. The
+        reset also drops obstacles and sources that no message may ever end: an obstacle without any
+        believable state, and, if sources are named, an unnamed silent source without obstacles.
+        Notes of the next verdict name them.
 
-        Committed pieces are forgotten: the arm must rest, and the controller must drop its pieces.
+        Committed pieces are dropped: the arm must be at rest, and the controller must drop its
+        pieces.
 
-        Levels rise only after `rise_delay` seconds of evidence, counted from the next tick on; its
-        time may be earlier than that of the ticks before.
+        Levels rise only after `rise_delay` seconds of evidence from the next tick on. The time of
+        the next tick can be earlier than that of the last one.
         """
         self._note(ResetMessage(""))
         self._rule.reset()
@@ -363,21 +366,21 @@ class Monitor:
         self._stopped_by_braking = False
 
     def prepare(self, *bodies: PreparedBody) -> None:
-        """Lay out the arm as it will be with some bodies attached, so that no step waits for it.
+        """Prepare the arm with some bodies attached, so that no step has to wait for it.
 
-        For each sequence of bodies that may be attached at the same time, before the loop or where
-        a late step does no harm, for it takes some 100 ms. Then `robot.attach_prepared` and
-        `robot.detach` between two steps are taken in by the next one in about half a millisecond,
-        in which all obstacles are evaluated anew. Nothing changes until then. The order counts,
-        since links are numbered in it: bodies that are attached in another order than they were
-        prepared in are laid out in that step, as if nothing had been prepared.
+        Call it once for each sequence of bodies that can be attached at the same time. It takes
+        some 100 ms, so call it before the loop or when a late step does no harm. Later, after
+        `robot.attach_prepared` or `robot.detach` between two steps, the next step needs about 0.5
+        ms more, in which it evaluates all obstacles. Until then nothing changes. The order matters,
+        since it numbers the links: bodies that are attached in another order are prepared in the
+        step itself.
 
         Args:
-            bodies: What `Robot.prepare` made, to be attached beside what is attached now, in the
-                order in which they will be attached.
+            bodies: Results of `Robot.prepare`, to be attached in addition to the present ones, in
+                the order in which they will be attached.
 
         Raises:
-            RobotError: A name is taken, or there is no such link.
+            RobotError: A name is in use, or there is no such link.
         """
         robot = copy.copy(self.robot)
         for body in bodies:
@@ -393,28 +396,29 @@ class Monitor:
         until: float | None = None,
         zone: ArrayLike | None = None,
     ) -> int:
-        """Let a contact be wanted for the time being: not watched until a time, or in a zone.
+        """Permit a wanted contact for a while: its pair is not watched until a time, or in a zone.
 
-        From the next step on, a pair is not watched in steps in which nothing but wanted contact is
-        possible before the arm rests, should it be told to stop then. So a pair with a time is
-        watched again before it, by as long as the arm takes to rest; and one with a zone is not
-        watched only while the obstacle, whatever it does within its bounds, stays in the zone for
-        that long (the proofs are in `armguard.pairs.exemptions`). From the first step in which a
-        pair is watched again it is evaluated as though it always had been.
+        From the next step on, a step skips the pair if only wanted contact is possible before the
+        arm is at rest, in case that step gives a STOP. So a pair with a time is watched again
+        earlier than that time, by the stop time of the arm. A pair with a zone is skipped only
+        while the obstacle, within its bounds, cannot leave the zone during the stop time. The
+        proofs are in `armguard.pairs.exemptions`. From the first step in which a pair is watched
+        again, it is evaluated as if it had always been watched.
 
-        Verdicts tell in notes what is not watched, and why what is exempt is watched all the same;
-        recordings have a line about each beginning and end. While a plan is known the arm may run
-        it to its end, whatever verdicts say: then nothing is exempt, and no plan is judged by less
-        than all pairs. `reset` ends exemptions that have a time, for the clock may be another one.
+        Notes of verdicts name the pairs that are not watched, and say why an exempt pair is still
+        watched. Recordings have a line about each beginning and end. While the arm is on a
+        committed piece, it can follow the piece to its end whatever verdicts say. So nothing is
+        exempt then, and plans are judged with all pairs. `reset` ends exemptions with a time, since
+        the clock may start anew.
 
         Args:
-            link: Name of a link; "*" is any.
-            ids: Pattern of obstacle ids; one that has fitted no obstacle yet is a STOP that names
-                it, as in the argument `ignore`.
-            source: Name of a source whose obstacles alone are meant, and may come later; None:
-                those of all sources, and what stands still.
-            until: Contact is not wanted from this time on, in [s] of the monitor's clock; None: the
-                zone decides.
+            link: Name of a link; "*" is every link.
+            ids: Pattern of obstacle ids. A pattern that has matched no obstacle yet is a STOP that
+                names it, as in the setting `ignore`.
+            source: Name of a source, to which the pattern is restricted; its obstacles can appear
+                later. None: obstacles of all sources, and statics.
+            until: Time at which wanted contact ends, in [s] of the monitor's clock; None: the zone
+                decides.
             zone: Corners of a convex region in the world in which contact is wanted, in [m]; None:
                 anywhere. Shape (k, 3), 4 <= k <= 8.
 
@@ -422,41 +426,42 @@ class Monitor:
             The number of the exemption, for `watch`.
 
         Raises:
-            ArmguardError: Neither a time nor a zone is given, the time is none, not finite or over,
-                the zone encloses no room, the link or the source is unknown, or nothing would be
-                left to watch; then nothing has changed.
+            ArmguardError: Neither a time nor a zone is given, the time is not finite or is past,
+                the zone has no volume, the link or the source is unknown, or no pair would be left
+                to watch. Nothing is changed then.
         """
         exemption = self._exemptions.add(link, ids, source, until=until, zone=zone, now=self._now)
         self._note(exemption.to_message())
         return exemption.number
 
     def watch(self, number: int) -> None:
-        """End what `ignore` began, from the next step on; harmless where it has ended already.
+        """End an exemption of `ignore` from the next step on; no effect if it has already ended.
 
         Args:
-            number: What `ignore` returned.
+            number: Number that `ignore` returned.
 
         Raises:
-            ArmguardError: It returned no such number.
+            ArmguardError: `ignore` returned no such number.
         """
         self._exemptions.end(number)
         self._note(WatchMessage(int(number)))
 
     @property
     def exemptions(self) -> tuple[Exemption, ...]:
-        """What `ignore` began and has not ended."""
+        """Exemptions that `ignore` began and that have not ended."""
         return self._exemptions.listed
 
     @property
     def exemption_count(self) -> int:
-        """How often `ignore` began something so far."""
+        """Number of exemptions that `ignore` has begun so far."""
         return self._exemptions.count
 
     def with_stop(self, plan: Plan) -> Plan:
-        """A plan with a stop at its end, as hard as brakes guarantee, to be committed.
+        """A plan with a stop at its end, as hard as the brakes guarantee, ready to commit.
 
-        Each joint decelerates as its own brake can; `armguard.stop_on_path` slows all of them down
-        together. A plan that ends at rest stays as it is.
+        Each joint decelerates as its own brake guarantees, so the arm leaves its path.
+        `armguard.stop_on_path` decelerates all joints together, on the path. A plan that ends at
+        rest is returned unchanged.
 
         Raises:
             ArmguardError: The plan is malformed, or the monitor was not made with motion="planned".
@@ -464,20 +469,22 @@ class Monitor:
         return self._find_pieces("with_stop").with_stop(plan)
 
     def commit(self, plan: Plan) -> PlanVerdict:
-        """Judge the next piece of the controller's trajectory, which ends at rest: is it safe?
+        """Judge whether the next piece of the controller's trajectory, which ends at rest, is safe.
 
-        A piece is safe if nothing can touch the arm on it until it rests. Then it is what the arm
-        may be on from now on, until joint states tell that it is on another one or on none. It must
-        agree with the one before until the answer has arrived, `latency` from now; the first one is
-        for an arm that rests until then. While a piece is
-        followed, and nothing new is seen, it stays safe without a further look; what it may not
-        allow for judges it anew, in that tick, and a STOP says by `stop` whether to finish it or to
-        leave it. An arm that brakes joint by joint on the way, at an emergency stop or without
-        power, is not on its piece any more: that is covered with `leave="any"` only.
+        A piece is safe if nothing can touch the arm on it until the arm is at rest. A safe piece is
+        committed: the arm can be on it from now on, until joint states show that it is on another
+        piece or on none. The piece must agree with the one before until the answer has arrived,
+        `latency` from now. For the first piece, the arm must be at rest until then.
 
-        Judged on what the last step saw, so commit after a step: where something is not as it was
-        then, or was not as it should be, the piece is refused and the reason told. Nothing in a
-        plan makes this raise.
+        A committed piece stays safe without further evaluation while obstacles stay within the
+        states that it allows. An obstacle outside them makes that tick judge the piece again. Then
+        `stop` of a STOP says whether to finish the piece or to leave it. An arm that brakes joint
+        by joint, in an emergency stop or without power, leaves its piece. Only `leave="any"` covers
+        this.
+
+        The piece is judged with the data of the last step, so call this after a step. If something
+        has changed since, or was faulty in that step, the piece is refused with a reason. No
+        content of a plan raises an error.
 
         Args:
             plan: The piece, on the clock of the joint states' stamps.
@@ -488,17 +495,16 @@ class Monitor:
         return self.fastest([plan]).verdicts[-1]
 
     def fastest(self, candidates: Iterable[Plan]) -> PlanChoice:
-        """Commit the first piece of several that is safe, and no other; see `commit`.
+        """Commit the first safe piece of several candidates; see `commit`.
 
-        So a controller offers what it would like best first, and what is slower after that. A
-        candidate is taken from the iterable only once all before it were refused, so that slower
-        ones need not be made in vain.
+        A controller offers its preferred piece first, and slower ones after it. A candidate is read
+        from the iterable only after all earlier ones were refused, so no candidate is made in vain.
 
         Args:
             candidates: Pieces, each ending at rest, on the clock of the joint states' stamps.
 
         Returns:
-            Which one was committed, if any, and the answers to those that were judged.
+            The committed candidate, if any, and the answers to all judged candidates.
 
         Raises:
             ArmguardError: The monitor was not made with motion="planned".
@@ -526,23 +532,23 @@ class Monitor:
 
     @property
     def plans(self) -> list[CheckedPlan]:
-        """The committed pieces that the arm may be on; for observers."""
+        """The committed pieces that the arm can be on; for observers."""
         pieces = self._judge.pieces
         return [] if pieces is None else pieces.plans
 
     def pairs(self, limit: int = 64) -> list[PairReport]:
-        """The most imminent pairs as of the last tick, soonest first, at most `limit`.
+        """The most imminent pairs of the last tick, at most `limit`, by contact time.
 
         Raises:
-            ArmguardError: The limit is no whole number.
+            ArmguardError: The limit is not an integer.
         """
         return self._queries.pairs(self._last[0], limit)
 
     def explain(self) -> Explanation | None:
-        """Why the last verdict is as it is, what would have made it better, or avoided a STOP.
+        """Explain the last verdict, and what would have improved it or avoided a STOP.
 
-        None where no pair decided it: there are none, or its reasons alone did. None as well where
-        the obstacle was removed since, so that nothing is known of it any more.
+        Returns None if no pair decided the verdict, because there are no pairs or other reasons
+        decided it. Also returns None if the obstacle was removed since.
         """
         tick, result = self._last
         if tick is None or result.pair == NOBODY or self._unplaced:
@@ -550,22 +556,21 @@ class Monitor:
         return self._queries.explain(tick, result.pair, by_braking=self._stopped_by_braking)
 
     def prepare_proofs(self) -> None:
-        """Compile what `prove` runs, so that the first proof takes no longer than others."""
+        """Compile the kernels of `prove`, so that the first proof takes no longer than others."""
         self._queries.prepare_proofs()
 
     def prove(self, verdict: Verdict) -> Proof | None:
-        """What was proved of the pair that decided the last verdict, for `armguard_check`.
+        """Make the proof about the deciding pair of the last verdict, for `armguard_check`.
 
-        It is made when it is asked for, in the time of some evaluations. docs/proofs.md says what
-        it claims.
+        This takes the time of some evaluations. docs/proofs.md says what the proof claims.
 
         Args:
-            verdict: What the last step returned.
+            verdict: The verdict that the last step returned.
 
         Returns:
-            The proof; None where there is nothing to prove: no pair decided, the obstacle was
-            removed since or could be anywhere, the joint state is newer than its tick or was not
-            believed, or another verdict has followed.
+            The proof; None if there is nothing to prove: no pair decided, the obstacle was removed
+            or could be anywhere, the joint state is newer than its tick or was not believed, or a
+            newer verdict exists.
         """
         tick, result = self._last
         is_last = tick is not None and tick.number == verdict.sequence == self._sequence
@@ -574,29 +579,29 @@ class Monitor:
         return self._queries.prove(tick, result.pair, verdict)
 
     def headroom(self) -> Headroom:
-        """What evaluations cost now, and which number or rate would break the budget."""
+        """Predict evaluations per tick, and the number or rate that would exceed the budget."""
         return self._queries.headroom(self._last[0])
 
     def attention(self, limit: int = 8) -> list[Attention]:
         """The obstacles whose fresh states would raise the verdict's contact time most.
 
         Args:
-            limit: At most so many, first things first.
+            limit: Greatest number of obstacles; the most useful come first.
 
         Raises:
-            ArmguardError: The limit is no whole number.
+            ArmguardError: The limit is not an integer.
         """
         return self._queries.attention(self._last[0], limit)
 
     def snapshot(self, *, pair_limit: int, row_limit: int) -> Snapshot:
-        """What there is to see of the last tick, for observers; cheap, and their own to keep.
+        """Copy the data of the last tick for observers; cheap, and not changed by later ticks.
 
         Args:
-            pair_limit: At most so many pairs, the most imminent ones.
-            row_limit: At most so many obstacles, likewise.
+            pair_limit: Greatest number of pairs; the most imminent ones are returned.
+            row_limit: Greatest number of obstacles; the most imminent ones are returned.
 
         Raises:
-            ArmguardError: A limit is no whole number.
+            ArmguardError: A limit is not an integer.
         """
         return self._queries.snapshot(self._last[0], pair_limit, row_limit)
 
@@ -723,7 +728,7 @@ class Monitor:
         return verdict
 
     def _note(self, message: Message) -> None:
-        """Give a message to the journal, if there is one."""
+        """Send a message to the journal, if there is one."""
         if self.journal is not None:
             self.journal.note_message(message)
 
@@ -733,7 +738,7 @@ class Monitor:
         return self._judge.pieces
 
     def _find_tick_to_plan(self) -> Tick | PlanVerdict:
-        """The last tick, if a plan can be judged by it; else why not."""
+        """The last tick if it can judge a plan; else the reason why not."""
         tick, _ = self._last
         obstacles, latched = self.obstacles, self._rule.latched
         if tick is None:
@@ -763,7 +768,7 @@ class Monitor:
         return tick
 
     def _reload(self) -> list[Reason]:
-        """Let nothing count that was proved with brakes under another payload."""
+        """Drop all proofs that assumed brakes under another payload."""
         self._reloaded = False
         self._scheduler.invalidate_all()
         void = None
@@ -772,9 +777,9 @@ class Monitor:
         return [] if void is None else [void]
 
     def _suspend(self, operating: OperatingHistory, now: float) -> list[Reason]:
-        """Put the hardware's limits in force: nothing that was proved with others holds.
+        """Put the hardware's limits in force; proofs with operating limits no longer hold.
 
-        What is proved of committed pieces rests on the hardware's alone.
+        Proofs of committed pieces assume only the hardware's limits, and still hold.
         """
         operating.suspend(now)
         self._scheduler.invalidate_all()
@@ -784,13 +789,13 @@ class Monitor:
     def _follow_exemptions(
         self, now: float, horizon: float, unbraked: Reason | None
     ) -> list[Reason]:
-        """Take in which pairs are exempt in this tick, and tell of it.
+        """Update the exempt pairs of this tick, and report them.
 
         Args:
             now: Time of the tick, in [s].
-            horizon: In which the arm surely rests that is told to stop by the next verdict, or at
-                the end of a speed scale, in [s].
-            unbraked: Why that is not known; None: it is.
+            horizon: Time by which the arm is at rest after a STOP by the next verdict, or at the
+                end of a speed scale, in [s].
+            unbraked: Why this time is unknown; None: it is known.
         """
         pieces = self._judge.pieces
         if unbraked is not None or (pieces is not None and pieces.is_proved):
@@ -811,13 +816,13 @@ class Monitor:
         return told
 
     def _tell_unmatched(self) -> list[Reason]:
-        """Reasons about patterns to ignore that have fitted no obstacle."""
+        """Reasons about patterns of `ignore` that have matched no obstacle."""
         detail = self._ignored.describe_unmatched(self.obstacles.ids)
         unmatched = [*self._ignored.unmatched, *self._exemptions.unmatched]
         return [Reason(ReasonKind.IGNORE_UNMATCHED, repr(ids), detail) for ids in unmatched]
 
     def _read_obstacles(self, now: float) -> list[Reason]:
-        """What is wrong with the obstacle table, and until when silence is no reason."""
+        """Faults of the obstacle table, and the time until which no source can time out."""
         obstacles = self.obstacles
         reasons = take_obstacle_reasons(obstacles, now, self._source_timeout, self._rule.rise_delay)
         self._unplaced = bool(obstacles.unplaced())
@@ -829,7 +834,7 @@ class Monitor:
         return reasons
 
     def _refuse_time(self, stamp: float, now: float) -> Verdict:
-        """The verdict of a tick at a time that is none, or before the one before it."""
+        """The verdict of a tick whose time is not finite, or is before the last tick."""
         if not (math.isfinite(now) and math.isfinite(stamp)):
             return self._refuse(stamp, Reason(ReasonKind.TIME_INVALID, f"stamp {stamp}, now {now}"))
         reason = Reason(ReasonKind.TIME_BACKWARDS, "clock", f"{now!r} after {self._now!r}")
@@ -837,7 +842,7 @@ class Monitor:
         return self._refuse(stamp, reason)
 
     def _blame_contact(self, reason: Reason, kind: ReasonKind) -> Reason:
-        """The reason itself, or where it is of this kind and contact explains it, that."""
+        """The reason, or one about contact if the reason has this kind and contact explains it."""
         contact = self._contact
         if contact is None or reason.kind is not kind or not contact.explains_jump(self._now):
             return reason
@@ -846,8 +851,8 @@ class Monitor:
     def _refuse_state(self, stamp: float, reason: Reason) -> Verdict:
         """The verdict of a tick whose joint state is impossible.
 
-        It latches, unless a permitted contact may have moved the joint: then states are believed
-        anew from the next one on.
+        It latches, unless permitted contact may have moved the joint. Then states are believed
+        again from the next one on.
         """
         blamed = self._blame_contact(reason, ReasonKind.JOINT_STATE_JUMPED)
         if blamed is not reason:
@@ -855,7 +860,7 @@ class Monitor:
         return self._refuse(stamp, blamed)
 
     def _refuse(self, stamp: float, reason: Reason) -> Verdict:
-        """The verdict of a tick whose arm state is not believed: the worst of everything."""
+        """The verdict of a tick whose joint state is not believed: the worst case of each field."""
         # One cause that latches is one fault, however many ticks it lasts.
         self._disbelieved += reason.kind not in self._rule.latched
         self._last = self._last[0], NOTHING_FOUND

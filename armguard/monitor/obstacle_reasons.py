@@ -1,4 +1,4 @@
-"""What is wrong with the obstacle table in a tick, as reasons of a verdict."""
+"""Reports faults of the obstacle table in a tick as reasons of a verdict."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from armguard.obstacles.obstacles import Obstacles
 from armguard.verdict import Effect, Reason, ReasonKind
 
 _IN_WORDS = FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN, FaultKind.FORGOTTEN
-"""Kinds of faults whose value is words, with their verb."""
+"""Kinds of faults whose value is text, with their verb."""
 
 
 def take_obstacle_reasons(
     obstacles: Obstacles, now: float, timeout: float, rise_delay: float
 ) -> list[Reason]:
-    """What is wrong with obstacles' data in a tick; takes the faults that were left for it.
+    """Reasons for faults of obstacles' data in a tick; removes the reported faults.
 
-    Refused samples that have been possible for long enough are forgotten. States that are stamped
-    too far ahead are given up: their obstacles could be anywhere.
+    Refused samples that were possible for long enough are dropped. States with stamps too far ahead
+    are discarded: their obstacles could be anywhere.
 
     Args:
         obstacles: The table.
         now: Time of the tick, in [s].
-        timeout: Silence that a source may keep, and lead of its stamps, in [s].
+        timeout: Greatest silence of a source, and greatest lead of its stamps, in [s].
         rise_delay: How long a refused sample is possible, in [s].
     """
     reasons = [
@@ -66,17 +66,17 @@ def take_obstacle_reasons(
 
 
 def describe_spreads(obstacles: Obstacles) -> list[Reason]:
-    """Whose samples are off by more than their source says."""
+    """Reasons for obstacles whose samples have larger errors than their source states."""
     return [Reason(ReasonKind.ERRORS_EXCEEDED, *told) for told in obstacles.describe_spreads()]
 
 
 def describe_broken_tethers(obstacles: Obstacles) -> list[Reason]:
-    """Which tethers the states of both obstacles contradict: they are not used."""
+    """Reasons for tethers that contradict the states of their obstacles; they are not used."""
     return [Reason(ReasonKind.TETHER_BROKEN, *told) for told in obstacles.describe_broken_tethers()]
 
 
 def describe_no_sources(obstacles: Obstacles) -> Reason:
-    """What it means that no source was named or heard: STOP, unless that was said."""
+    """The reason that no source was named or has sent: STOP, unless this was configured."""
     if not obstacles.expects_sources:
         return Reason(ReasonKind.NO_SOURCES_EXPECTED)
     detail = "none was named and none has sent; Obstacles(sources=[]) says that there is none"

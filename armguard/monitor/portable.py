@@ -1,7 +1,7 @@
-"""What a monitor and its table were made with, as plain data.
+"""The settings of a monitor and its table, as plain data.
 
-A recording keeps it, so that the monitor can be made anew, and the digest of a configuration is
-made of it.
+A recording stores them, so that a replay can make the same monitor. The digest of a configuration
+is also computed from them.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ FORMS: Mapping[Any, tuple[str, ...]] = {
     ContactLimit: ContactLimit.__struct_fields__,
     Source: ("name", "timeout", "required", "on_refusal", "latency", "rate"),
 }
-"""Attributes that stand for a value of these types."""
+"""Attributes that describe a value of these types."""
 
 
 def describe_settings(monitor: Monitor) -> dict[str, Any]:
-    """What a monitor and its table were made with, as plain data.
+    """Describe the settings of a monitor and its table as plain data.
 
     Raises:
         ArmguardError: The schedule is one of the application's own.

@@ -1,8 +1,8 @@
-"""A proof of what a verdict says of its deciding pair, for a checker that trusts no code of ours.
+"""Makes proofs about a verdict's deciding pair, for a checker that is independent of armguard.
 
-It is made from the tick's own joint state and obstacle states, whatever tick the pair was evaluated
-in last. Of an arm that is free it proves a time before which there is no contact; of one that is
-told to stop, that it rests by the end of its tube, and before it can touch the obstacle.
+A proof uses the joint state and obstacle states of its tick, even if the pair was evaluated in an
+earlier tick. For a free arm it proves a time before which there is no contact. For an arm after a
+STOP it proves that the arm is at rest by the end of its tube, and before it can touch the obstacle.
 """
 
 from __future__ import annotations
@@ -49,22 +49,22 @@ NODES = 33
 """Of a tube."""
 
 SHARES = 1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.25
-"""Of the contact time that evaluations find, tried one after the other: here intervals have other
+"""Fractions of the evaluated contact time that are tried in turn, since intervals here have other
 ends."""
 
 LONGEST = 1.0
-"""For which joints that are free are followed, in [s]: by then an arm can be anywhere."""
+"""How long free joints are followed, in [s]; after that an arm can be anywhere."""
 
 DELAYS = "period", "latency", "reaction_time"
-"""Settings that a proof states: what passes before brakes act, in [s]."""
+"""Settings that a proof states: times that pass before the brakes act, in [s]."""
 
 
 class Prover:
     """Makes proofs of one arm's verdicts.
 
     Args:
-        arm: As the scheduler watches it.
-        settings: When verdicts are obeyed.
+        arm: The arm as the scheduler watches it.
+        settings: Settings of the monitor, which say when verdicts are obeyed.
 
     Attributes:
         arm: The arm.
@@ -95,7 +95,7 @@ class Prover:
         self._pack()
 
     def _pack(self) -> None:
-        """Lay out the scene for compiled code, once for all ticks in which it stays the same."""
+        """Pack the scene for compiled code, once for all ticks in which it is unchanged."""
         state = self.arm.state
         self._scene = state.scene
         self._handles = tuple(
@@ -107,10 +107,10 @@ class Prover:
         self._find = machine_code(find_separations, self._handles[0], 0, 0, 0, 0.0, True)
 
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
-        """The proof of a pair in the last tick, whose arm was prepared.
+        """The proof about a pair in the last tick, whose arm was prepared.
 
-        None where there is nothing to prove: where the obstacle could be anywhere, the joint state
-        is newer than its tick, or neither motion could be proved.
+        Returns None if the obstacle could be anywhere, if the joint state is newer than its tick,
+        or if neither motion could be proved.
 
         Args:
             tick: The tick.
@@ -171,7 +171,7 @@ class Prover:
     def _prove_free(
         self, tick: Tick, link: int, row: int, count: int, spheres: set[int]
     ) -> ProvedMotion | None:
-        """That joints within their limits let the link touch nothing before a time, if there is."""
+        """Prove that the free arm's link touches nothing before a time; None if this fails."""
         state, table = self.arm.state, self._free
         pairs = np.array([row * len(self.arm.links) + link])
         times, nodes = np.zeros(1), np.zeros(1, dtype=np.int64)
@@ -196,7 +196,7 @@ class Prover:
     def _prove_stop(
         self, tick: Tick, link: int, row: int, count: int, spheres: set[int], told: Any
     ) -> ProvedMotion | None:
-        """That an arm that is told to stop rests, and before it can touch the obstacle."""
+        """Prove that the arm after a STOP is at rest, and before it can touch the obstacle."""
         braking, table = self.arm.motion.braking, self._brakes
         horizon = self._delays["latency"]
         horizon += self._delays["period"] if told == "next" else 0.0
@@ -212,7 +212,7 @@ class Prover:
     def _separate(
         self, handle: Any, now: float, link: int, row: int, count: int, *, brakes: bool
     ) -> list[Separation] | None:
-        """What keeps the link apart from all states of the obstacle; None: it is not known."""
+        """Separations of the link from all states of the obstacle; None if they are not found."""
         separations, found, first = [], self._found, int(self._first[link])
         begins = 0 if self.arm.state.marks.has_state[row] else 1
         for number in range(count):
@@ -250,7 +250,7 @@ class Prover:
         )
 
     def _describe_arm(self) -> TrustedArm:
-        """What is taken on trust of the arm, as it is now."""
+        """The trusted data of the arm, as it is now."""
         limits = self.arm.motion.joint.limits
         brakes = limits.brakes
         # What may change from tick to tick; all else of the arm stands.
@@ -283,7 +283,7 @@ class Prover:
         return arm
 
     def _describe_cover(self, link: int, spheres: set[int]) -> TrustedCover:
-        """What is taken on trust of the spheres of a link that take part."""
+        """The trusted data of the spheres of a link that the proof uses."""
         arm, first = self.arm, int(self._first[link])
         tree, placement = arm.state.tree, arm.kinematics.placement
         own = np.flatnonzero(arm.state.link_of == link)
@@ -309,7 +309,7 @@ class Prover:
 
     @functools.cached_property
     def _places(self) -> dict[int, int]:
-        """Where joints stand in lists, by Pinocchio's number."""
+        """Indices of joints by Pinocchio's number."""
         model = self.arm.kinematics.model
         return {number: int(model.idx_vs[number]) for number in range(1, model.njoints)}
 

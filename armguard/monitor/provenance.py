@@ -1,8 +1,7 @@
-"""What verdicts rest on besides their inputs: versions, sources, processor, compiler.
+"""Provenance of verdicts apart from their inputs: versions, sources, processor, compiler.
 
-The same inputs give the same verdicts to the bit where all of this is the same. Where it is not,
-the last digits of a number may differ, and where two recordings of verdicts differ, this is what is
-looked at first.
+With the same provenance, the same inputs give bit-identical verdicts. Otherwise the last digits of
+numbers can differ. If two recordings of verdicts differ, compare their provenance first.
 """
 
 from __future__ import annotations
@@ -40,18 +39,18 @@ NAMES = {
     "coal": "another version of Coal",
     "python": "another version of Python",
 }
-"""What a difference in each is called."""
+"""Description of a difference in each."""
 
 _DISTRIBUTIONS = ("armguard", "numba", "llvmlite", "numpy", "coal")
 
 
 def describe_provenance(robot: Robot) -> dict[str, str]:
-    """What verdicts of this process about this robot rest on, by the names of `NAMES`."""
+    """The provenance of this process's verdicts about this robot, by the names of `NAMES`."""
     return {**describe_software(), **digest_robot(robot)}
 
 
 def describe_software() -> dict[str, str]:
-    """What verdicts of this process rest on whatever the robot, by the names of `NAMES`."""
+    """The part of the provenance that does not depend on the robot, by the names of `NAMES`."""
     model, flags = _describe_processor()
     return {
         **{name: importlib.metadata.version(name) for name in _DISTRIBUTIONS},
@@ -74,7 +73,7 @@ def _describe_processor() -> tuple[str, str]:
 
 
 def digest_robot(robot: Robot) -> dict[str, str]:
-    """Digests of a robot: of all that is not its cover, and of its cover."""
+    """Digests of a robot: of everything except its cover, and of its cover."""
     data = describe_robot(robot)
     covers = {link["name"]: link.pop("cover") for link in data["links"]}
     return {
@@ -84,7 +83,7 @@ def digest_robot(robot: Robot) -> dict[str, str]:
 
 
 def list_differences(recorded: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """What differs, in words with both values; each kind of cause once."""
+    """The differences in words, with both values; each kind of cause once."""
     told: dict[str, str] = {}
     for name, words in NAMES.items():
         before, now = recorded.get(name, "unknown"), here.get(name, "unknown")

@@ -1,9 +1,8 @@
-"""What can be asked of a monitor between ticks: pairs, reasons, and what lies ahead.
+"""Queries of a monitor between ticks: pairs, explanations, proofs and predictions.
 
-Nothing here is part of a tick, and nothing here changes what the next one says. Each answer is
-about the tick that is handed over, the last one whose joint state was believed. What works out
-an explanation or looks ahead is loaded by the first question of its kind: most monitors, and every
-running cell, are asked none.
+No query is part of a tick, or changes the next verdict. Each answer is about the given tick, which
+is the last one with a believed joint state. The modules of explanations and predictions are
+imported by the first query of their kind, since most monitors need none.
 """
 
 from __future__ import annotations
@@ -30,15 +29,15 @@ if TYPE_CHECKING:
 
 
 class Queries:
-    """Answers from what the pairs' scheduler knows; `Monitor` says what each of them means.
+    """Answers queries from the pairs' scheduler; `Monitor` documents each of them.
 
     Args:
         robot: The arm.
         obstacles: The table.
-        settings: What the monitor was told.
+        settings: Settings of the monitor.
         scheduler: Knows the pairs.
         states: Knows the joint states.
-        in_force: What the arm counts with.
+        in_force: The limits and brakes in force.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class Queries:
         self._prover: Prover | None = None
 
     def pairs(self, tick: Tick | None, limit: int) -> list[PairReport]:
-        """The most imminent pairs, soonest first; none before the first tick."""
+        """The most imminent pairs, by contact time; none before the first tick."""
         limit = read_limit("limit", limit)
         if tick is None:
             return []
@@ -74,12 +73,12 @@ class Queries:
         ]
 
     def explain(self, tick: Tick, pair: int, *, by_braking: bool) -> Explanation | None:
-        """Why the verdict that this pair decided is as it is; None where it is gone since.
+        """Explain the verdict that this pair decided; None if the pair was removed since.
 
         Args:
             tick: The last one.
             pair: Row × links + link.
-            by_braking: Whether it was a STOP, and for nothing but what the brakes can do.
+            by_braking: Whether it was a STOP because of the brakes alone.
         """
         from armguard.monitor.avoidable import list_remedies
         from armguard.monitor.explain import explain_pair
@@ -103,7 +102,7 @@ class Queries:
         return explanation._replace(remedies=remedies)
 
     def prove(self, tick: Tick, pair: int, verdict: Verdict) -> Proof | None:
-        """What was proved of the pair that decided the last verdict; None where nothing can be.
+        """The proof about the deciding pair of the last verdict; None if there is none.
 
         Args:
             tick: The last one.
@@ -118,7 +117,7 @@ class Queries:
         return prover.prove(tick, pair, verdict)
 
     def prepare_proofs(self) -> Prover:
-        """What makes proofs for the links that the robot has now."""
+        """Make the prover for the robot's present links."""
         from armguard.monitor.proof import Prover
 
         arm = self._scheduler.arm
@@ -127,7 +126,7 @@ class Queries:
         return self._prover
 
     def headroom(self, tick: Tick | None) -> Headroom:
-        """What evaluations cost now; nothing is watched before the first tick."""
+        """The present headroom; without pairs before the first tick."""
         from armguard.monitor.headroom import predict_headroom
 
         watched = len(self._obstacles) if tick is not None else 0
@@ -148,7 +147,7 @@ class Queries:
         return rank_attention(listing, scheduler.arm.state, watched, tick, ids, limit)
 
     def snapshot(self, tick: Tick | None, pair_limit: int, row_limit: int) -> Snapshot:
-        """What there is to see; before the first tick, the arm as it is known then."""
+        """The data for observers; before the first tick, the arm in its present state."""
         pair_limit = read_limit("pair_limit", pair_limit)
         row_limit = read_limit("row_limit", row_limit)
         scheduler, q, v = self._scheduler, self._states.q, self._states.v
@@ -159,15 +158,15 @@ class Queries:
 
 
 def read_limit(name: str, limit: object) -> int:
-    """How many are asked for; below 0 is none.
+    """Read the argument `limit`; a negative number counts as 0.
 
     Args:
         name: What to call it in errors.
-        limit: As it was given.
+        limit: The given value.
 
     Raises:
-        ArmguardError: It is no whole number.
+        ArmguardError: It is not an integer.
     """
     if isinstance(limit, bool) or not isinstance(limit, (int, np.integer)):
-        raise ArmguardError(name, f"is {limit!r}", expected="a whole number")
+        raise ArmguardError(name, f"is {limit!r}", expected="an integer")
     return max(int(limit), 0)

@@ -1,4 +1,4 @@
-"""What can be told of a tick: single pairs for people who ask, and all of it for observers."""
+"""Reports about a tick: single pairs for users, and whole snapshots for observers."""
 
 from __future__ import annotations
 
@@ -31,14 +31,16 @@ class PairReport(NamedTuple):
     bucket: int
     """Imminence, 0 (next tick) to 15 (far)."""
     age: float
-    """Since the pair was last evaluated, in [s]; inf before the first time."""
+    """Time since the last evaluation of the pair, in [s]; inf before the first one."""
     bound: str
-    """What decided: "reach", "isotropic" or "joint"; "unknown": nothing could."""
+    """The bound that decided: "reach", "isotropic" or "joint"; "unknown": the position is
+    unknown."""
     point_on_link: NDArray[np.float64]
-    """Closest point of the link, [m], world; NaN where the obstacle is nowhere. Shape (3,)."""
+    """Closest point of the link in the world, in [m]; NaN if the obstacle's position is unknown.
+    Shape (3,)."""
     point_on_obstacle: NDArray[np.float64]
-    """Closest point of the obstacle as last measured, of a refused sample too if that is nearer,
-    alike. Shape (3,)."""
+    """Closest point of the obstacle in its last measured state, or in a refused sample if that is
+    nearer, in [m]; NaN if unknown. Shape (3,)."""
 
 
 def bucket_of(contact_time: float, period: float) -> int:
@@ -59,16 +61,16 @@ def report_pair(
     state: TickState,
     exact: HullDistance,
 ) -> PairReport:
-    """Tell what is known about a pair.
+    """Make the report about a pair.
 
     Args:
         listing: Of imminent pairs.
-        index: Which of them.
+        index: Index of the pair in the listing.
         time: Of the last tick, in [s] since the monitor's epoch.
         period: Of ticks, in [s].
-        names: Of link and obstacle.
+        names: Names of link and obstacle.
         state: The last tick's numbers.
-        exact: Measures the links where they are.
+        exact: Measures distances to the links' geometry.
     """
     row, link = divmod(int(listing.pairs[index]), len(state.tree.root))
     on_link = on_obstacle = np.full(3, np.nan)
@@ -95,29 +97,29 @@ def report_pair(
 
 
 class Snapshot(NamedTuple):
-    """One tick, seen from outside; arrays are the observer's own."""
+    """Data of one tick for observers; its arrays are copies."""
 
     q: FloatArray
     """Joint positions, [rad] or [m]. Shape (nv,)."""
     sphere_times: FloatArray
-    """Soonest contact of each finest sphere, in [s]; spheres in the order of the links' finest
-    levels. Shape (s,)."""
+    """Least contact time of each finest sphere, in [s], in the order of the links' finest levels.
+    Shape (s,)."""
     rows: IntArray
     """Obstacle rows, the most imminent first. Shape (o,)."""
     row_times: FloatArray
-    """Soonest contact of each of these rows, in [s]. Shape (o,)."""
+    """Least contact time of each of these rows, in [s]. Shape (o,)."""
     pairs: IntArray
     """Pair numbers, the most imminent first. Shape (m,)."""
     pair_times: FloatArray
     """Contact time of each of these pairs, in [s]. Shape (m,)."""
     pair_bounds: IntArray
-    """What each of these times rests on, an index of `pairs.scene.BOUND_NAMES`. Shape (m,)."""
+    """The bound of each of these times, an index of `pairs.scene.BOUND_NAMES`. Shape (m,)."""
     all_times: FloatArray
-    """Contact time of every pair of the obstacles looked at, in [s], in no order. Shape (n,)."""
+    """Contact time of every pair of these obstacles, in [s], unordered. Shape (n,)."""
 
 
 def take_snapshot(listing: Listing, q: FloatArray, time: float) -> Snapshot:
-    """Copy out what is most imminent.
+    """Copy the most imminent pairs and obstacles.
 
     Args:
         listing: What that is.

@@ -1,6 +1,6 @@
-"""The level that a tick would have earned, were some of what it knows otherwise.
+"""Evaluates a tick once more with changed data, to find what lowered its level.
 
-Those answers are for people, and never change a verdict.
+The answers are for people, and never change a verdict.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from armguard.settings.settings import Settings
 from armguard.verdict import Level
 
 MOST_PAIRS = 128
-"""Pairs that are evaluated once more, at most: the most imminent ones."""
+"""Greatest number of pairs that are evaluated once more: the most imminent ones."""
 
 
 class NearPairs(NamedTuple):
-    """What could make the level of a tick low."""
+    """The near pairs, which could make the level of a tick low."""
 
     pairs: IntArray
     """Their numbers, row × links + link, at most `MOST_PAIRS`. Shape (m,)."""
     rows: IntArray
-    """Of their obstacles. Shape (r,)."""
+    """Rows of their obstacles. Shape (r,)."""
     rest: float
-    """Contact time of what is no less imminent and not among them, in [s]."""
+    """Lower bound on the contact times of all other pairs, in [s]."""
 
 
 class SecondLook:
-    """Evaluates what is near once more.
+    """Evaluates near pairs once more.
 
     Args:
         scheduler: Knows the pairs.
@@ -65,7 +65,7 @@ class SecondLook:
         self._bounds = np.zeros(MOST_PAIRS, dtype=np.int8)
 
     def find_near(self, tick: Tick) -> NearPairs:
-        """What is imminent enough to matter."""
+        """The pairs that are imminent enough to matter."""
         horizon = tick.stop_time + self._rule.aware_margin
         listing = self._scheduler.list_imminent(tick.time, row_limit=0, pair_limit=MOST_PAIRS)
         near = listing.pairs[~(listing.expiry > tick.time + horizon)]
@@ -75,11 +75,11 @@ class SecondLook:
         return NearPairs(near, np.unique(near // len(self._scheduler.arm.links)), rest)
 
     def grade_rest(self, tick: Tick, near: NearPairs) -> Level:
-        """The level that what is not among the near pairs might earn by itself."""
+        """The lowest level that pairs outside the near ones could give."""
         return self._rule.grade(near.rest, tick.stop_time)
 
     def grade(self, tick: Tick, pairs: IntArray, arm_late: float = 0.0) -> Level:
-        """The level that pairs earn, with a joint state that is newer by some time in [s]."""
+        """The level of the pairs with a joint state that is newer by a time in [s]."""
         age = tick.arm_age - arm_late
         stop_time, _ = self._states.stop_times(age) if arm_late > 0.0 else (tick.stop_time, 0.0)
         times = self._times[: len(pairs)]
@@ -93,7 +93,7 @@ class SecondLook:
         return self._rule.grade(contact_time, stop_time, rests=rests, whole=whole)
 
     def _stops(self, tick: Tick, age: float, pairs: IntArray, horizon: float) -> bool:
-        """Whether an arm that is told to stop after a time, in [s], rests in time."""
+        """Whether an arm with a STOP after a time, in [s], is at rest before contact."""
         braking = self._scheduler.arm.motion.braking
         if not braking.covers(tick.q, tick.v, age, horizon):
             return False
@@ -102,7 +102,7 @@ class SecondLook:
 
     @contextmanager
     def _at_age(self, tick: Tick, age: float) -> Iterator[None]:
-        """Let the joint state have another age for a while; all is as it was then."""
+        """Context in which the joint state has another age; restores it afterwards."""
         scheduler = self._scheduler
         scheduler.prepare(tick)
         state = scheduler.arm.state

@@ -1,4 +1,4 @@
-"""How a monitor is given its settings, and the scheduler that they ask for."""
+"""Reads the settings of a monitor, and makes its scheduler."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def take_keywords(
     """Give a constructor the keywords of a record, so that checkers of types know them.
 
     Args:
-        record: Whose keywords follow the robot and the obstacles; it is there for its type alone.
+        record: Record whose fields are the keywords; used only for its type.
     """
     return lambda constructor: constructor
 
@@ -40,7 +40,7 @@ def read_settings(settings: object, keywords: Mapping[str, Any]) -> Settings:
 
     Raises:
         ArmguardError: One of them is unusable, or a setting of earlier versions.
-        TypeError: A keyword is no setting, or both are given.
+        TypeError: A keyword is not a setting, or both are given.
     """
     for name, value in keywords.items():
         if name in REMOVED:
@@ -58,7 +58,7 @@ def read_settings(settings: object, keywords: Mapping[str, Any]) -> Settings:
 
 
 def resolve_settings(settings: Settings, robot: Robot, ignored: IgnoredPairs) -> Settings:
-    """The same settings, where what a robot decides is not left open.
+    """The same settings with the defaults that depend on the robot filled in.
 
     Raises:
         ArmguardError: The operating limits do not fit the robot, or the payload its brakes.
@@ -88,12 +88,12 @@ def make_scheduler(
     Args:
         robot: The arm.
         obstacles: The table; the scheduler is the one that follows its rows from now on.
-        settings: Which scheduler, and how cautious.
+        settings: Settings of the monitor.
         ignored: Pairs that are not watched.
-        states: Where joint positions and velocities of each tick stand.
+        states: Holds the joint positions and velocities of each tick.
         in_force: What joints keep to while the arm works, and how they stop, shared.
-        operating: What tests joint states against operating limits; None: there are none.
-        exemptions: Pairs that are not watched for the time being; None: there are none.
+        operating: Tests joint states against operating limits; None: no operating limits.
+        exemptions: Pairs that are exempt for a while; None: none.
     """
 
     def make_arm(laid_out: Robot) -> WatchedArm:

@@ -1,9 +1,9 @@
-"""Whether the arm can still stop, and how fast it may go on.
+"""The stop decision: whether the arm can still stop, and how fast it may move on.
 
-The contact time allows for everything that the arm could do; a verdict needs less. Its arm goes on
-for one more tick and, should the next verdict be STOP, brakes: if it surely rests before anything
-can touch it, there is no need to stop now. A STOP that is obeyed is in time, for it is given while
-the tick before still had that proof.
+The contact time assumes the worst motion of the arm; a verdict needs less. The arm moves on for one
+more tick, and brakes if the next verdict is a STOP. If it is then proved to be at rest before any
+contact, it need not stop now. So every STOP is in time, because the tick before still had this
+proof.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.settings import Settings
 
 STEP = 1.0 / 32.0
-"""To what a speed scale is found, at least."""
+"""Resolution of the search for a speed scale."""
 
 RAISE_PAUSE = 10e-3
-"""How long after a higher scale was found unsafe none is tried, in [s]."""
+"""How long no higher scale is tried after one was found unsafe, in [s]."""
 
 LONGEST_PROMISE = 30e-3
-"""For how long a scale promises that the arm may go on, at most, in [s]: by its delays alone a slow
-brake would make a promise that leaves no speed wherever a person is near (docs/usefulness.md)."""
+"""Greatest time for which a scale promises that the arm may move on, in [s]. A promise for the
+whole delay of a slow brake would leave no speed near a person (docs/usefulness.md)."""
 
 PROVING = 10e-3
-"""For how long the proof that a STOP is in time should last, [s]: longer is proved of less."""
+"""Intended validity of the proof that a STOP is in time, in [s]; a longer one holds for fewer
+motions."""
 
 SCALE_PROVING = 14e-3
-"""For how long the proof of a speed scale below 1 should last, [s]: joints that keep to it get less
-far, so that hardly less is proved."""
+"""Intended validity of the proof of a speed scale below 1, in [s]. Slow joints do not move far in
+this time, so it costs little speed."""
 
 CAUTIOUS_TIME = 1.0
-"""For how long after a fall of the scale a higher one must be proved for `RISE_PROVING`, [s]."""
+"""How long after a fall of the scale a higher one must be proved for `RISE_PROVING`, in [s]."""
 
 RISE_PROVING = 50e-3
 """For how long a higher scale must be proved after a fall before it is given out, [s]: one and a
@@ -55,22 +56,22 @@ person at 1.1 m in `bench_near`, 1 % of ticks would take more than 96 evaluation
 
 
 class StopDecision:
-    """Asks a scheduler whether the arm rests in time, by its table of braking.
+    """Decides whether the arm is at rest before contact, with the scheduler's table of braking.
 
     Args:
         scheduler: Knows the pairs.
-        settings: When verdicts are obeyed, and from when on brakes engage.
+        settings: Settings, which say when verdicts are obeyed and when brakes engage.
 
     Attributes:
         evaluated: Evaluations so far.
-        left: Obstacles that were not decided about, where the user's budget was spent since this
-            was set to 0 last.
-        offending: The pair for which the last question was denied; NOBODY where none was, or brakes
-            are not stated for what joints can do.
-        limiting: The pair that keeps the scale below what was asked for, as far as that is known.
-        braking_delay: From a tick until brakes bite that its verdict, or the next one, calls for,
-            in [s].
-        looks_ahead: When the arm is told to stop in the proof of a scale, in [s] from its tick.
+        left: Number of undecided obstacles, for which the budget did not suffice, since this was
+            last set to 0.
+        offending: The pair for which the last decision failed; NOBODY if none failed, or if brakes
+            are not stated for the joints' speeds.
+        limiting: The pair that limits the scale, if it is known.
+        braking_delay: Times from a tick until brakes engage after its verdict, or after the next
+            one, in [s].
+        looks_ahead: Time of the STOP in the proof of a scale, in [s] from its tick.
     """
 
     def __init__(self, scheduler: Scheduler, settings: Settings) -> None:
@@ -86,17 +87,17 @@ class StopDecision:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was asked before."""
+        """Drop earlier decisions."""
         self.offending = self.limiting = NOBODY
         self._unsafe_in = -9
         self._raise_at = self._fell_at = -math.inf
         self._kept.reset()
 
     def rests(self, tick: Tick) -> bool:
-        """Whether the arm surely rests before contact, braking only after the next tick.
+        """Whether the arm is proved to be at rest before contact if it brakes after the next tick.
 
-        What an arm can do that is told to stop in one of the next ticks is proved first: that
-        holds for each of them, so that most ticks find all obstacles proved already.
+        First it tries a proof for a STOP in any of the next ticks. Such a proof holds for several
+        ticks, so most ticks find all obstacles already proved.
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
@@ -125,24 +126,23 @@ class StopDecision:
         return False
 
     def find_scale(self, tick: Tick, given: float, most: float) -> float:
-        """The fraction of their operating velocities at which joints may go on, at most `most`.
+        """The fraction of their operating velocities at which joints may move on, at most `most`.
 
-        An arm whose joints are no faster may go on so for as long as a STOP takes to reach the
-        brakes, at most `LONGEST_PROMISE`, and surely rests before contact if the next verdict
-        after that tells it to stop. A faster one is to slow down; whether it has to stop, is what
-        the level says.
+        An arm with slower joints may move on for as long as a STOP takes to reach the brakes, at
+        most `LONGEST_PROMISE`. It is proved to be at rest before contact if the next verdict after
+        that is a STOP. A faster arm must slow down; the level says whether it must stop.
 
-        What this returns was proved in this very tick, or in earlier ones: of the whole, by proofs
-        that last; of less, by such as hold for an arm that has kept to it since. The search begins
-        at what was given out last, so most ticks take no question: few ask for a proof that lasts,
-        for a shorter one where that is not to be had, and at last of this tick alone; only where
-        the last scale is safe no more, it is a bisection. A higher one has to be proved for some
-        time ahead: a scale that had to fall again at once would make the arm jerk.
+        The returned scale was proved in this tick or in earlier ones. A scale of 1 can use any
+        lasting proof; a lower scale uses proofs that hold for an arm that has kept the scale since.
+        The search begins at the last published scale, so most ticks need no new proof. Otherwise it
+        tries a lasting proof, then a shorter one, then one for this tick alone. If the last scale
+        is no longer safe, it bisects. A higher scale must be proved for some time ahead, so that it
+        need not fall again at once, which would make the arm jerk.
 
         Args:
             tick: The tick.
-            given: The scale that was given out last.
-            most: The most that is asked for.
+            given: The last published scale.
+            most: The greatest scale to consider.
         """
         found = min(given, most)
         if found < most and not tick.time < self._raise_at:
@@ -178,9 +178,9 @@ class StopDecision:
         return self._is_free(tick, table)
 
     def _is_safe(self, tick: Tick, scale: float, *, lasts: bool = False) -> bool:
-        """Whether an arm that keeps to a scale rests in time; at 0 it rests already.
+        """Whether an arm that keeps a scale is at rest before contact; a scale of 0 is always safe.
 
-        What `lasts` is proved for some ticks at once, where it can be.
+        With `lasts`, it is proved for some ticks at once if possible.
         """
         if scale == 0.0:
             return True
@@ -189,10 +189,10 @@ class StopDecision:
         return self._is_paced_safe(tick, scale, lasts=lasts)
 
     def _is_paced_safe(self, tick: Tick, scale: float, *, lasts: bool) -> bool:
-        """Whether an arm whose joints keep to a scale rests in time.
+        """Whether an arm whose joints keep a scale is at rest before contact.
 
-        One that does so for some ticks on end can be told to stop that much later as well; what is
-        proved of that holds for as long as joints have surely been no faster.
+        A proof for a STOP some ticks later holds as long as the joints are known to have kept the
+        scale since.
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age = tick.q, tick.v, tick.arm_age
@@ -210,11 +210,10 @@ class StopDecision:
         return self._is_free(tick, table, 0.0, later, kept_since=since)
 
     def _is_whole_safe(self, tick: Tick, *, lasts: bool) -> bool:
-        """Whether an arm at any speed rests in time.
+        """Whether an arm at any speed is at rest before contact.
 
-        An arm that can be told to stop so much later can be told to at any time before, so what
-        this proves answers `rests` as well: unless brakes are not stated for what joints can do by
-        then, since the table of such a stop proves nothing.
+        A proof for a later STOP also covers every earlier STOP, so it answers `rests` as well. The
+        exception is a stop from speeds that brakes are not stated for, whose table proves nothing.
         """
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         later = self.looks_ahead - self._response_time
@@ -238,7 +237,7 @@ class StopDecision:
         stop_time: float,
         kept_since: float | None = None,
     ) -> bool:
-        """Whether a scale is proved for some ticks at once, by what is known of it from earlier."""
+        """Whether earlier proofs cover a scale for some ticks ahead."""
         braking = self._scheduler.arm.motion.braking
         q, v, age = tick.q, tick.v, tick.arm_age
         later = self.looks_ahead - self._response_time
@@ -276,9 +275,9 @@ class StopDecision:
         pause: float = 0.0,
         kept_since: float | None = None,
     ) -> bool:
-        """Whether the arm rests before contact, by a table, or one of a STOP that comes later.
+        """Whether the arm is at rest before contact, by a table, or by that of a later STOP.
 
-        Of the latter, `stop_time` is when the arm rests that is told to stop by `until`.
+        For a later STOP, `stop_time` is when an arm with a STOP by `until` is at rest.
         """
         end = float(table.time[-1])
         unsafe = self._scheduler.find_unsafe(

@@ -1,4 +1,4 @@
-"""A trial of settings, and what was chosen by it; `armguard.choose_settings` makes the choice."""
+"""A trial of settings and its result; `armguard.choose_settings` makes the choice."""
 
 from __future__ import annotations
 
@@ -9,51 +9,53 @@ from numpy.typing import ArrayLike
 
 
 class TrialTick(NamedTuple):
-    """One tick of a trial: a joint state, and what is told before it is judged."""
+    """One tick of a trial: a joint state, and the updates before it is judged."""
 
     stamp: float
-    """As in `Monitor.step`, and so are the next three."""
+    """Time of measurement, in [s]; this and the next three fields are arguments of
+    `Monitor.step`."""
     q: ArrayLike
     v: ArrayLike
     now: float | None = None
     tell: Callable[[Any], object] | None = None
-    """Is handed the monitor that is tried, and tells it and its `obstacles` what came since the
-    tick before; the same for each. None: nothing came."""
+    """Called with each tried monitor; applies the updates since the tick before to it and its
+    `obstacles`. It must do the same for each. None: no updates."""
 
 
 class Choice(NamedTuple):
-    """What was chosen, and why."""
+    """The settings that a trial chose, and why."""
 
     settings: Mapping[str, Any]
-    """Keywords of `Monitor`."""
+    """The chosen settings, as keywords of `Monitor`."""
     level: int | None
-    """Of the robot's cover, the finest that is used; None: all of it."""
+    """Finest level of the robot's cover that is used; None: all levels."""
     ticks: int
-    """Of the trial."""
+    """Number of ticks of the trial."""
     same_level: float
-    """Share of the ticks with the level that the finest gave."""
+    """Share of the ticks with the same level as with the finest settings."""
     scale_difference: float
-    """Of speed scales from the finest's, on average."""
+    """Mean difference of speed scales from those with the finest settings."""
     evaluated: float
-    """Evaluations in a tick, on average."""
+    """Mean number of evaluations in a tick."""
     evaluated_max: int
-    """In the dearest tick."""
+    """Greatest number of evaluations in a tick."""
     evaluated_finest: float
-    """Of the finest, on average."""
+    """Mean number of evaluations in a tick with the finest settings."""
     is_same: bool
-    """Whether the verdicts cannot be told from the finest's, by the rule of `Monitor.auto`."""
+    """Whether the verdicts are equivalent to those with the finest settings, by the rule of
+    `Monitor.auto`."""
     out_of_reach: tuple[str, ...]
-    """Links that nothing in the trial could reach in time to matter, by their reach alone."""
+    """Links that no obstacle of the trial could reach in time to affect a verdict."""
     reasons: tuple[str, ...]
-    """In words: the settings, how near they are to the finest, the links, and, setting by setting,
-    what else was tried, each with its share of equal levels and its evaluations a tick."""
+    """The reasons in words: the settings, how near they are to the finest, and the links; then the
+    other candidates of each setting, with their share of equal levels and evaluations per tick."""
 
     @property
     def summary(self) -> tuple[str, ...]:
-        """The first of the reasons: the settings, how near they are to the finest, the links."""
+        """The first reason: the settings, how near they are to the finest, and the links."""
         return self.reasons[:3]
 
     @property
     def price(self) -> float:
-        """Evaluations as a share of the finest's; 1 where that has none."""
+        """Evaluations as a share of those with the finest settings; 1 if these have none."""
         return self.evaluated / self.evaluated_finest if self.evaluated_finest > 0.0 else 1.0

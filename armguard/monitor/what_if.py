@@ -1,6 +1,6 @@
-"""Contact times as they would be if something were different: for those who ask why.
+"""Computes contact times under changed conditions, for explanations.
 
-Never part of a tick. The pair is evaluated again on the numbers of the last one, with the change.
+Never part of a tick. The pair is evaluated again with the data of the last tick and the change.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from armguard.pairs.evaluate import TickState, evaluate_handle, find_partner_row
 
 
 class Change(NamedTuple):
-    """What would be different."""
+    """A changed condition."""
 
     distance: float = 0.0
-    """Added to the distance that counts as contact, [m]."""
+    """Added to the distance at contact, in [m]."""
     speed: float = 0.0
-    """Added to the obstacle's speed bound, [m/s]."""
+    """Added to the obstacle's speed bound, in [m/s]."""
     age: float = 0.0
-    """Added to the age of the obstacle's state, [s]."""
+    """Added to the age of the obstacle's state, in [s]."""
     fresh: bool = False
-    """Whether the obstacle is seen anew, where its velocity has carried it."""
+    """Whether the obstacle has a fresh state, predicted with its velocity."""
 
 
 UNCHANGED = Change()
 
 
 class WhatIf:
-    """Questions about one obstacle and some links, on copies of the last tick's numbers.
+    """Evaluates one obstacle and some links under changes, on copies of the last tick's data.
 
-    To copy and to pack them takes far longer than an answer, so it is done once for all questions.
+    Copying and packing the data takes far longer than an evaluation, so it is done once for all.
 
     Args:
         state: The tick's numbers, with the arm prepared.
@@ -82,9 +82,9 @@ class WhatIf:
         """Contact time of each link, in [s] from the last tick. Shape (n,).
 
         Args:
-            change: What would be different.
-            refinement_threshold: What could be touched before this, in [s], is refined, as a
-                tick has it; inf: everything.
+            change: The changed condition.
+            refinement_threshold: Pairs with a contact time below this, in [s], are refined, as in a
+                tick; inf: all pairs.
         """
         for known, changed in zip(self._known, self._changed, strict=True):
             for original, array in zip(known, changed, strict=True):

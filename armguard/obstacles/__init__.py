@@ -1,6 +1,6 @@
-"""Obstacles as their writers report them: a table that takes plausible samples.
+"""The table of obstacles: stores the plausible samples that sources report.
 
-Samples are read, tested against what older ones allow, and taken or refused with a fault.
+Each sample is tested against what older samples allow, and is accepted or refused with a fault.
 """
 
 from armguard.obstacles.faults import Fault, FaultKind

@@ -1,14 +1,14 @@
-"""The compiled rule that takes or refuses samples of obstacles.
+"""The compiled rule that accepts or refuses samples of obstacles.
 
-It knows no names: it sees rows of the table and numbers. What it refuses it keeps beside the
-accepted state, for each may be true (`possible_states`). Track confirmation decides which track
-goes on: several refused samples in a row that agree with each other become the accepted track, once
-they are newer than it; the one that they replace stays possible as a refused sample does. Of two
-samples the older one says what the newer one may be, whichever of them came first: a late sample
-that agrees changes nothing, and one that disagrees is refused as any other.
+It works on rows of the table, without names. Refused samples are kept in addition to the accepted
+state, since each may be true (`possible_states`). Track confirmation chooses the accepted track. If
+several consecutive refused samples agree with each other and are newer than the accepted track,
+they replace it. The replaced track stays possible, as a refused sample does. Of two samples, the
+older one determines what the newer one may be, whichever arrived first. A late sample that agrees
+changes nothing; one that disagrees is refused.
 
-A sample that contradicts the accepted state by little, as a body does that breaks its bounds, shows
-what the body is capable of: one and a half times that counts as its bounds for a while.
+A sample that contradicts the accepted state slightly may come from a body that broke its bounds.
+Then 1.5 times the observed values count as its bounds for a while.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from armguard.obstacles.spread import follow_spread
 from armguard.obstacles.table import MOST_REFUSED, States, Told, copy_state, note_row
 
 CONFIRMING_SAMPLES = 5
-"""So many consecutive samples that agree with each other confirm another track."""
+"""Number of consecutive samples that confirm another track if they agree with each other."""
 
 REJOINED_WITHIN = 0.05
 """After a longer pause, in [s], a sample that may follow a refused one says little about it."""
@@ -105,7 +105,7 @@ def _move_to_world(sample: States, frames: Frames, frame: int) -> None:
 
 @merged_kernel
 def _is_flawless(sample: States, speed_is_error: bool, extent: float) -> bool:
-    """Whether it is clear without a root that `_find_flaw` finds nothing."""
+    """Whether `_find_flaw` certainly finds nothing, tested without square roots."""
     accel, speed = sample.accel[0], sample.speed[0]
     velocity_error = sample.velocity_error[0]
     if not (
@@ -130,7 +130,7 @@ def _is_flawless(sample: States, speed_is_error: bool, extent: float) -> bool:
 
 @kernel
 def _find_flaw(sample: States, speed_is_error: bool, extent: float) -> tuple[int, float]:
-    """Code and value of the first field that cannot be used as it is; TAKEN if all can."""
+    """Code and value of the first unusable field; TAKEN if all are usable."""
     for field, value, may_be_infinite in (
         (2, sample.radius[0], False),
         (3, sample.accel[0], True),
@@ -189,7 +189,7 @@ def _write(states: States, row: int, sample: States) -> None:
 
 @kernel
 def _keep_surer(sample: States, accepted: States, row: int, accel: float) -> None:
-    """Replace what a newer sample says more vaguely than the accepted state still does.
+    """Replace values of a newer sample that are less precise than the accepted state still is.
 
     Both hold within their errors, so the truth lies in what both allow. After a time h a velocity
     is within dv + A h of v, and a point within dp + (dv + A h / 2) h of x + v h, with the errors dp
@@ -242,7 +242,7 @@ def _keep_surer(sample: States, accepted: States, row: int, accel: float) -> Non
 
 @kernel
 def _widen(states: States, row: int, sample: States) -> bool:
-    """Take the larger of two descriptions that agree and have the same stamp; whether it grew."""
+    """Use the larger of two agreeing descriptions with the same stamp; returns whether it grew."""
     grew = False
     for known, told in (
         (states.radius, sample.radius),
@@ -285,7 +285,7 @@ def _agrees(states: States, row: int, sample: States, accel: float, speed: float
 
 @merged_kernel
 def _remember_bounds(told: Told, row: int, sample: States) -> None:
-    """Let a sample's bounds count for the next `TOLD_FOR` seconds, whatever is told later."""
+    """Store a sample's bounds, which count for the next `TOLD_FOR` seconds."""
     stamp = sample.stamp[0]
     elapsed = stamp - told.since[row]
     if not elapsed <= TOLD_FOR:
@@ -311,7 +311,7 @@ def _largest_step(before: FloatArray, after: FloatArray, count: int) -> float:
 
 @kernel
 def _find_told_bounds(told: Told, row: int, sample: States) -> tuple[float, float]:
-    """The largest bounds that a sample states or that were told lately, in [m/s²] and [m/s]."""
+    """The largest bounds that a sample or recent samples state, in [m/s²] and [m/s]."""
     accel = max(told.accel[row], told.accel_before[row], sample.accel[0])
     speed = max(told.speed[row], told.speed_before[row], sample.speed[0])
     return accel, speed
@@ -319,16 +319,16 @@ def _find_told_bounds(told: Told, row: int, sample: States) -> tuple[float, floa
 
 @kernel
 def _can_move_so(accel: float, speed: float, most_accel: float, most_speed: float) -> bool:
-    """Whether a body may have shown this, in [m/s²] and [m/s]; inf: nothing can be said of it."""
+    """Whether a body can move so, in [m/s²] and [m/s]; inf: unknown."""
     return max(accel, speed) < math.inf and accel <= most_accel and speed <= most_speed
 
 
 @kernel
 def _note_break(handle: Any, row: int, sample: States) -> None:
-    """Let a refused sample be undecided if a body could have moved so since the sample before it.
+    """Mark a refused sample as undecided if a body could have moved so since the sample before it.
 
-    That is the last one that was refused, or else the accepted one. A body that the arm pushes
-    moves as the arm has it, which says nothing of its own bounds.
+    The sample before it is the last refused one, or else the accepted one. A body that the arm
+    pushes is excluded: its motion says nothing about its own bounds.
     """
     table = handle.content
     breaks, marks, limits = table.breaks, table.marks, table.body_limits
@@ -352,10 +352,10 @@ def _note_break(handle: Any, row: int, sample: States) -> None:
 
 @kernel
 def _decide_break(handle: Any, row: int, sample: States) -> None:
-    """Take in one of the samples that decide whether a body has moved as it broke its bounds.
+    """Use one of the samples that decide whether a body really moved when it broke its bounds.
 
-    If it has, its wider bounds count for this sample and for those of the next while. Either way
-    what stood for that possibility alone stands no more.
+    If it did, its wider bounds count for this sample and for later ones for a while. In both cases
+    the states that only represented this possibility are dropped.
     """
     table = handle.content
     breaks, marks, refusals = table.breaks, table.marks, table.refusals
@@ -374,7 +374,7 @@ def _decide_break(handle: Any, row: int, sample: States) -> None:
 
 @kernel
 def _count_slow_break(handle: Any, row: int, sample: States) -> bool:
-    """Let count what an accepted sample shows against its reference state, if a body can do that.
+    """Count what an accepted sample shows beyond its reference state, if a body can move so.
 
     Returns:
         Whether it may have broken its bounds, in steps that each kept them within the errors.
@@ -397,11 +397,11 @@ def _count_slow_break(handle: Any, row: int, sample: States) -> bool:
 
 @kernel
 def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: float) -> None:
-    """Give up refused states that a sample follows which is about to be the accepted one.
+    """Drop refused states that are consistent with a sample which will be the accepted one.
 
-    Were one of them the accepted one, the sample would replace it all the same. After a pause
-    bounds allow for so much that this would say little. A state that covers several samples stays:
-    what follows it need not follow each of them.
+    If one of them were the accepted state, the sample would replace it as well. After a long pause,
+    bounds allow so much that consistency means little. A state that covers several samples stays: a
+    sample consistent with it need not be consistent with each of them.
 
     Args:
         handle: On the table's `Rows`; written.
@@ -429,7 +429,7 @@ def _drop_rejoined(handle: Any, row: int, sample: States, accel: float, speed: f
 
 @kernel
 def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -> tuple[int, float]:
-    """Keep a sample beside the accepted state, unless it confirms another track.
+    """Store a sample in addition to the accepted state, unless it confirms another track.
 
     Returns:
         Its final code, and the value that a fault would show.
@@ -494,7 +494,7 @@ def _set_aside(handle: Any, row: int, sample: States, code: int, value: float) -
 def _make_exception(
     handle: Any, row: int, sample: States, code: int, value: float
 ) -> tuple[int, float]:
-    """Do what is done with a sample that is not simply taken.
+    """Process a sample that is not simply accepted.
 
     Returns:
         Its final code, and the value that a fault would show.
@@ -527,7 +527,7 @@ def take_samples(
     rows: IntArray,
     head: MessageHead,
 ) -> tuple[int, int, bool]:
-    """Take or refuse the samples of one message.
+    """Accept or refuse the samples of one message.
 
     Args:
         handle: On the table's `Rows`; written. A row is noted as changed where its

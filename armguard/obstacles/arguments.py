@@ -1,7 +1,7 @@
-"""Reads what a call on the obstacle table was given: arrays of the right shape, or an error.
+"""Reads arguments of calls on the obstacle table: arrays of the right shape, or an error.
 
-Only what makes a whole call unintelligible is an error here: lengths, shapes, types, repeated
-ids, a stamp that is no time. Numbers that are wrong for one obstacle are the rule's business.
+An error is raised only if the whole call is unusable: wrong lengths, shapes or types, repeated ids,
+or a stamp that is not a time. The acceptance rule handles wrong numbers of one obstacle.
 """
 
 from __future__ import annotations

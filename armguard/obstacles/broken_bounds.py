@@ -1,13 +1,13 @@
-"""What is seen of a body that may have broken its bounds, and what counts as its bounds then.
+"""Decides whether a body broke its bounds, and which bounds count for it then.
 
-Two limits decide about a sample that contradicts the one before it. What even an athlete's hand
-cannot do (`body_limits`) is an error of measurement: no bound grows. What lies between the stated
-bounds and these limits is undecided at first. The sample is possible with `BROKEN_FACTOR` times
-what was seen as its bounds, until `FURTHER_SAMPLES` more have come. A body that has moved is still
-moving then: its velocity since agrees with what brought it there, at least by half. One that has
-not was measured wrongly, and counts with its stated bounds again.
+Two limits decide about a sample that contradicts the one before it. A sample beyond `body_limits`,
+which even an athlete's hand keeps, is an error of measurement: no bound grows. A sample between the
+stated bounds and these limits is undecided at first. It counts as possible with `BROKEN_FACTOR`
+times the observed values as its bounds, until `FURTHER_SAMPLES` more have arrived. If the body
+really moved, it is still moving then: its later velocity agrees with at least half of the observed
+change. Otherwise it was measured wrongly, and counts with its stated bounds again.
 
-Only a body that has moved keeps wider bounds, for `BROKEN_FOR` seconds of its stamps.
+Only a body that really moved keeps wider bounds, for `BROKEN_FOR` seconds of its stamps.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ BODY_LIMITS = 12.0, 200.0
 (docs/people.md)."""
 
 BROKEN_FACTOR = 1.5
-"""So many times what was seen of a body that broke its bounds counts as its bounds."""
+"""Factor by which the observed values count as bounds of a body that broke its bounds."""
 
 BROKEN_FOR = 2.0
-"""How long that counts for a body that has moved, in [s] of its stamps."""
+"""How long wider bounds count for a body that really moved, in [s] of its stamps."""
 
 FURTHER_SAMPLES = 3
-"""After so many more samples it is decided whether a body has moved."""
+"""Number of further samples that decide whether a body really moved."""
 
 SEEN_WITHIN = 0.1
 """Between samples farther apart than this, in [s], nothing is seen of how a body moved."""

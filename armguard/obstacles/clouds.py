@@ -1,8 +1,8 @@
-"""Point clouds as obstacles: points to voxels, and voxels that were seen to be empty.
+"""Point clouds as obstacles: converts points to voxels, and finds voxels proved empty.
 
-A voxel is a cube of a lattice that is fixed in the world, so that its name is the same in each
-message. What a cloud has points in becomes a ball around the cube. One that no point falls into any
-more may be hidden, so it stays; it goes where rays of one cloud have passed through it.
+A voxel is a cube of a lattice that is fixed in the world, so its name is the same in each message.
+A voxel with points becomes an obstacle: a ball around the cube. A voxel that no longer has points
+may be hidden, so it stays. It is removed if rays of one cloud have passed through it.
 
 The rule. A ray runs from the camera to a point. It has passed a voxel if it crosses the window, a
 square through the voxel's centre that faces the camera, and ends behind the voxel. The window holds
@@ -63,7 +63,7 @@ NAMES_KEPT = 100_000
 
 
 class CloudReader:
-    """Makes voxels of clouds, and finds those that a cloud has seen to be empty.
+    """Makes voxels from clouds, and finds voxels that a cloud proves empty.
 
     Attributes:
         edges: Edge of the voxels of each source, by the source's name, in [m].
@@ -85,7 +85,7 @@ class CloudReader:
         edge: float,
         extent: float,
     ) -> tuple[list[str], FloatArray, int]:
-        """Take in a cloud, and find the voxels that it has points in.
+        """Read a cloud, and find the voxels that contain its points.
 
         Args:
             points: In the frame of the camera, in [m]. Shape (n, 3).
@@ -187,7 +187,7 @@ def find_key(name: str) -> int | None:
 
 
 def check_names(names: list[str]) -> None:
-    """Check that none of some ids is that of a voxel, which would go as voxels do.
+    """Check that no id is the name of a voxel, since it would be removed as voxels are.
 
     Raises:
         ObstacleError: One of them is.
@@ -198,7 +198,7 @@ def check_names(names: list[str]) -> None:
         if find_key(name) is not None:
             raise ObstacleError(
                 "ids",
-                f"holds {show(name)}, as voxels of clouds are called",
+                f"holds {show(name)}, a name that is reserved for voxels of clouds",
                 expected="another name",
                 remedy="send clouds by `update_cloud`",
             )
@@ -246,7 +246,7 @@ def read_edge(value: object, before: float | None, source: str) -> float:
 
 
 def read_mask(value: object, count: int) -> BoolArray:
-    """Which points make voxels; all where nothing is said. Shape (count,).
+    """The points that make voxels; None: all. Shape (count,).
 
     Raises:
         ObstacleError: It is no such array.

@@ -1,10 +1,10 @@
-"""Is a new measured state inside what an older one allows?
+"""Tests whether a new measured state is within what an older one allows.
 
-A certificate made from an old state stays true for as long as the body keeps its bounds. This
-test says whether a newer (or late) measurement of an obstacle agrees with that, between any two
-records; for the arm see `robot.joint_history`.
+A certificate made from an old state is true as long as the body keeps its bounds. This test
+compares any two measurements of an obstacle, including late ones; for the arm see
+`robot.joint_history`.
 
-Rounding goes towards acceptance, as `jit.numerics` has it. NaN never passes.
+Rounding errs towards acceptance, see `jit.numerics`. NaN never passes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What was wrong with data about obstacles: small records, kept until the next monitor step.
+"""Faults of data about obstacles: small records, kept until the next monitor step.
 
-Bad data never raises inside the loop; it is refused, and what was refused is told once. The queue
-is bounded, so that a source that sends nonsense costs no memory, and it counts what it drops.
-One fault lasts longer: an obstacle that found no room in the table is in the cell all the same.
+Bad data never raises inside the loop; it is refused, and each refusal is reported once. The queue
+is bounded, so that a source that sends nonsense uses no more memory, and it counts dropped faults.
+One fault lasts longer: an obstacle that found no room in the table is still in the cell.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import enum
 from dataclasses import dataclass
 
 CAPACITY = 256
-"""Faults kept between two steps, and obstacles without room known by name; more say no more."""
+"""Greatest number of faults kept between two steps, and of named obstacles without room."""
 
 
 class FaultKind(enum.StrEnum):
-    """What was wrong."""
+    """Kind of a fault."""
 
     MALFORMED = "malformed call"
     PROMISE_BROKEN = "against what was promised of that arm"
@@ -38,7 +38,7 @@ class FaultKind(enum.StrEnum):
 
 
 _STOPPING = frozenset({FaultKind.MALFORMED, FaultKind.PROMISE_BROKEN, FaultKind.LATE})
-"""What the arm must stop for; the others are notes."""
+"""Kinds for which the arm must stop; the others are notes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +46,14 @@ class Fault:
     """One refused row or call, or one row that changed its track.
 
     Attributes:
-        kind: What was wrong.
+        kind: Kind of the fault.
         source: Name of the source that it came from.
-        id: Of which obstacle; empty for a malformed call, and for a broken promise.
-        field: Which field or argument; the joint that broke a promise.
-        value: What was found there: the offending number, the length of a jump in [m] or [m]/[s],
-            or words for a malformed call and a broken promise.
-        stamp: Of the message, in [s]; NaN if it had none.
+        id: Id of the obstacle; empty for a malformed call, and for another arm that broke its
+            limits.
+        field: Field or argument; the joint, if another arm broke its limits.
+        value: Value found there: the offending number, the length of a jump in [m] or [m]/[s], or
+            text for a malformed call and for another arm's broken limits.
+        stamp: Stamp of the message, in [s]; NaN if it had none.
     """
 
     kind: FaultKind
@@ -64,10 +65,10 @@ class Fault:
 
 
 class FaultQueue:
-    """Faults since they were last taken.
+    """Queue of faults since the last step.
 
     Attributes:
-        waiting: Those that were not taken yet, oldest first.
+        waiting: Faults that were not taken yet, oldest first.
         count: All faults so far.
     """
 
@@ -85,7 +86,7 @@ class FaultQueue:
         value: float | str,
         stamp: float,
     ) -> None:
-        """Adds a fault. If the queue is full, one that stops the arm takes a lesser one's place."""
+        """Adds a fault. In a full queue, a fault that stops the arm replaces one that does not."""
         self.count += 1
         if len(self.waiting) >= CAPACITY:
             self._dropped += 1
@@ -108,7 +109,7 @@ class FaultQueue:
 
 
 class Unplaced:
-    """Obstacles that were reported and found no room, until they find some or are removed.
+    """Reported obstacles without room in the table, until they get room or are removed.
 
     Only so many are known by name. Of a source with more of them, some stay missing until it sends
     a snapshot, which shows all that it sees.

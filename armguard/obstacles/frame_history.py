@@ -1,12 +1,11 @@
-"""In which frame samples of each obstacle came: a wrong frame must not look like another body.
+"""Frames of each obstacle's samples: a wrong frame must not look like another body.
 
-Samples that contradict what is accepted, and agree with each other, are taken for another body that
-goes by the same id, and become its accepted track. Where they also come in another frame than what
-is accepted did, the frame is the likelier mistake. Then nothing that comes in that frame says
-where the body is, not even when enough time has passed that it could have gone there: it could be
-anywhere, until a sample in the frame from before is taken again, or the id is removed.
+Refused samples that agree with each other normally become the accepted track of their id. But if
+they also come in another frame than the accepted samples, the frame is probably wrong. Then no
+sample in that frame says where the body is, even after enough time to move there. The body could be
+anywhere until a sample in the earlier frame is accepted again, or the id is removed.
 
-A sample in another frame that agrees is taken as any other, so that a source may use several.
+A sample in another frame that agrees is accepted as any other, so a source can use several frames.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from armguard.obstacles.acceptance import LATE, TAKEN, TRACK_CHANGED
 class FrameHistory:
     """Frames of accepted samples, and those that contradicted them, by source.
 
-    As long as a source uses one frame, `is_usual` is all that a message costs.
+    As long as a source uses one frame, a message only needs `is_usual`.
     """
 
     def __init__(self) -> None:

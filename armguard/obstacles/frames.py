@@ -1,4 +1,4 @@
-"""Where a source's coordinates are: a fixed frame in the world, and how well it is known."""
+"""Frames of sources' coordinates: fixed in the world, with their calibration error."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ class Frame:
     Attributes:
         rotation: R_WF, made exactly orthonormal. Shape (3, 3).
         translation: p_WF, in [m]. Shape (3,).
-        position_error: What the calibration may be off by anywhere in the cell, in [m]; it is
-            added to that of every position given in this frame.
+        position_error: Greatest error of the calibration anywhere in the cell, in [m]; it is added
+            to the error of every position in this frame.
     """
 
     def __init__(
         self, rotation: ArrayLike, translation: ArrayLike, position_error: float = 0.0
     ) -> None:
-        """Checks and keeps a frame.
+        """Checks and stores a frame.
 
         Args:
             rotation: R_WF, orthonormal to six digits, right-handed. Shape (3, 3).
             translation: p_WF, in [m]. Shape (3,).
-            position_error: In [m], finite, not negative.
+            position_error: Greatest error of the calibration, in [m], finite, not negative.
         """
         self.rotation = _read("rotation", rotation, (3, 3))
         self.translation = _read("translation", translation, (3,))

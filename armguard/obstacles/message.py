@@ -1,8 +1,8 @@
-"""The memory that messages are read into: one for a table, taken anew only for a larger message.
+"""The memory into which a table reads messages; reallocated only for a larger message.
 
-Each array that Python hands to compiled code costs some 60 ns, and counting references on it costs
-compiled code more than most of what it does with a row. So the samples of a message stand in
-memory that compiled code knows from the message before.
+Each array argument of compiled code costs some 60 ns, and reference counting costs compiled code
+more than most work on a row. So the samples of all messages are in memory that compiled code
+already knows.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Obstacles as their sources report them: states, ages, errors and bounds, by id.
+"""`Obstacles`: states, ages, errors and bounds of obstacles by id, as their sources report them.
 
-`Obstacles` is what perception talks to and the monitor reads. Good rows are taken, implausible
-ones refused without an exception and left as faults for the next step; obstacles that are not
-seen stay, and grow with their bounds. The arrays are in `table`, the rule that takes or
-refuses a sample in `acceptance`, what the monitor asks in `register`.
+Perception writes to `Obstacles`, and the monitor reads it. Plausible rows are accepted. Implausible
+rows are refused without an exception, and leave faults for the next step. Obstacles that are not
+seen stay, and their possible region grows with their bounds. The arrays are in `table`, the rule
+that accepts or refuses samples in `acceptance`, and the monitor's queries in `register`.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ for _field, _name in enumerate(rule.FIELDS):
 
 
 class ObstacleSettings(NamedTuple):
-    """What a table of obstacles was made with."""
+    """Settings of a table of obstacles."""
 
     accel: float
     """Where a message gives none and no pattern fits, in [m]/[s]²."""
@@ -110,14 +110,14 @@ class ObstacleSettings(NamedTuple):
 
 
 class ObstacleCountError(ObstacleError):
-    """A message by which its source would have more obstacles than it may."""
+    """A message would give its source more obstacles than its limit."""
 
 
 class Obstacles(ObstacleRegister):
-    """The table of obstacles, as sources and applications write to it.
+    """The table of obstacles, to which sources and applications write.
 
-    It belongs to the thread of the monitor that watches it. Another thread hands over what it has
-    measured, by a queue or a stream, and this one writes it to the table between two steps.
+    Only the thread of its monitor may use it. Another thread must send its measurements to this
+    thread, by a queue or a stream. This thread then writes them to the table between two steps.
     """
 
     def __init__(
@@ -135,30 +135,32 @@ class Obstacles(ObstacleRegister):
         """Makes an empty table.
 
         The defaults, 10 m/s² and 2 m/s, cover the head, the trunk and the shoulders of people at
-        work: of recorded ones 0.01 % of the trunk's clean samples broke them and none of the
-        others'. They do not cover arms, of which 0.9 % of elbows' and 4.3 % of hands' samples are
-        beyond 10 m/s², and 2.0 % of hands' beyond 2 m/s (docs/people.md): `armguard.people` has
-        bounds for each part of a body. Nor do they cover what is thrown, falls or is driven.
+        work. In recordings, 0.01 % of the trunk's clean samples exceeded them, and none of the
+        others'. The defaults do not cover arms: 0.9 % of the elbows' samples and 4.3 % of the
+        hands' samples exceed 10 m/s², and 2.0 % of the hands' samples exceed 2 m/s
+        (docs/people.md). `armguard.people` has bounds for each part of a body. The defaults also do
+        not cover objects that are thrown, fall or are driven.
 
         Args:
-            accel: Bound on acceleration where a message gives none and no pattern fits, in
-                [m]/[s]^2, at most 1000 or inf for none.
-            speed: Bound on speed where a message gives none and no pattern fits, in [m]/[s], at
-                most 100 or inf for none.
-            sources: Those that must be heard: while one is not, the monitor says STOP. None: not
-                known yet, and STOP until one is heard. An empty list says that there is none.
-            frames: By name, those that messages may refer to; "world" is always there.
-            extent: How far from the world's origin a coordinate of an obstacle may be, in [m]; what
-                is farther is in another unit, or in another frame, and is refused.
-            bounds: Patterns of ids, as in `fnmatch`, each with the acceleration and the speed of
-                those ids where their message gives none; the first pattern that fits counts.
-            regions: By pattern of ids, as in `fnmatch`, which region of a body those ids are, one
-                of `armguard.body_regions`; for contact limits. An id that several patterns fit, or
-                whose message states another region, has the strictest of their limits.
-            body_limits: What no part of a body does, by speed in [m]/[s] and by acceleration in
-                [m]/[s]^2. A sample beyond them is an error of measurement, one within them may be
-                of a body that broke its bounds (docs/people.md). Where larger bounds are stated of
-                an obstacle, those count instead.
+            accel: Bound on acceleration if a message gives none and no pattern matches, in
+                [m]/[s]^2; at most 1000, or inf for no bound.
+            speed: Bound on speed if a message gives none and no pattern matches, in [m]/[s]; at
+                most 100, or inf for no bound.
+            sources: Sources that must send: the level is STOP while one of them is silent. None:
+                unknown, and STOP until any source sends. An empty list states that there are no
+                sources.
+            frames: Frames that messages can name, by name; "world" always exists.
+            extent: Greatest magnitude of a coordinate of an obstacle in the world, in [m]. Larger
+                ones are refused, since they must be in a wrong unit or frame.
+            bounds: Patterns of ids, as in `fnmatch`, each with acceleration and speed of those ids
+                if their message gives none; the first matching pattern counts.
+            regions: Region of a body by pattern of ids, as in `fnmatch`, one of
+                `armguard.body_regions`; for contact limits. If several patterns match an id, or its
+                message states another region, the strictest of their limits counts.
+            body_limits: Speed in [m]/[s] and acceleration in [m]/[s]^2 that no part of a body
+                exceeds. A sample beyond them is an error of measurement; one within them may come
+                from a body that broke its bounds (docs/people.md). Larger bounds of an obstacle
+                replace them.
 
         Raises:
             ObstacleError: A bound, a limit, a pattern, a region, the extent, a source or a frame is
@@ -195,7 +197,7 @@ class Obstacles(ObstacleRegister):
         self._memory = MessageMemory(list(places.values()))
         self._clouds: CloudReader | None = None
         self.takes_voxels = False
-        """Whether messages may name voxels, as those of recorded clouds do."""
+        """Whether messages may name voxels, as messages of recorded clouds do."""
         self._bind()
 
     def __getstate__(self) -> dict[str, object]:
@@ -208,7 +210,7 @@ class Obstacles(ObstacleRegister):
 
     @property
     def settings(self) -> ObstacleSettings:
-        """What the table was made with, and the sources that it has heard of since."""
+        """The settings of the table, including sources that have sent since."""
         accel, speed = self.bounds.others
         frames = {}
         placed = self._memory.data.frames
@@ -256,32 +258,32 @@ class Obstacles(ObstacleRegister):
         snapshot: bool = False,
         region: str | Sequence[str] | None = None,
     ) -> None:
-        """Takes a message of a source; without ids it is a heartbeat.
+        """Processes a message of a source; a message without ids is a heartbeat.
 
-        Rows that are not finite, negative or beyond their bounds are refused and leave a fault.
-        Fields may be one number for all obstacles or one for each.
+        Rows with values that are not finite, negative or beyond their bounds are refused, and leave
+        a fault. A field can be one number for all obstacles, or one for each.
 
         Args:
-            ids: Names of the obstacles, unique within their source; none as "voxel 3 -2 14", which
-                is that of a cloud's voxel. Length n.
-            stamp: When they were measured, in [s].
-            position: Balls' centres, or up to eight points whose hull each obstacle is, in [m].
+            ids: Names of the obstacles, unique within their source. Names such as "voxel 3 -2 14"
+                are reserved for voxels of clouds. Length n.
+            stamp: Time of measurement, in [s].
+            position: Centres of balls, or up to eight points whose hull is the obstacle, in [m].
                 Shape (n, 3) or (n, k, 3).
-            velocity: Theirs, in [m]/[s]; None: unknown, that is 0 with an error of `speed`. Shape
-                as of `position`.
-            radius: Around the hull, in [m]; required. Shape () or (n,).
+            velocity: Velocities of these points, in [m]/[s]; None: unknown, which counts as 0 with
+                an error of `speed`. Shape as of `position`.
+            radius: Radius around the points' hull, in [m]; required. Shape () or (n,).
             accel: Bound on acceleration, in [m]/[s]^2; None: the table's for each id. Shape () or
                 (n,).
             speed: Bound on speed, in [m]/[s]; None: the table's for each id. Shape () or (n,).
-            position_error: What positions may be off by, in [m]. Shape () or (n,).
-            velocity_error: What velocities may be off by, in [m]/[s]. Shape () or (n,).
-            source: Name of the source that speaks; required from then on.
-            frame: In which frame, one of the table's.
-            snapshot: Whether this source sees the whole cell: its absent ids are removed.
-            region: Which region of a body they are, one of `armguard.body_regions`: one for all, or
-                one for each, "" for none; None: the table's for each id. For contact limits: what
-                is no region may never be touched. What was stated of an obstacle once counts until
-                it is removed, so one that changes its region has the strictest of the limits.
+            position_error: Greatest error of positions, in [m]. Shape () or (n,).
+            velocity_error: Greatest error of velocities, in [m]/[s]. Shape () or (n,).
+            source: Name of the source; from now on its silence is a STOP.
+            frame: Frame of the coordinates, one of the table's.
+            snapshot: Whether the message shows all that the source sees: absent ids are removed.
+            region: Region of a body, one of `armguard.body_regions`: one for all, or one for each,
+                "" for no region; None: the table's for each id. For contact limits: an obstacle
+                without a region may never be touched. Every stated region counts until the obstacle
+                is removed, so an obstacle that changes its region has the strictest of the limits.
 
         Raises:
             ObstacleError: The call is malformed; nothing of it is taken, and a fault is left.
@@ -327,17 +329,17 @@ class Obstacles(ObstacleRegister):
         )
 
     def take(self, batch: ObstacleBatch, limit: int | None = None, gone: int = 0) -> bool:
-        """Takes a message of a source as `update` does; its numbers are read already.
+        """Processes a message of a source as `update` does, with numbers that are already read.
 
         Args:
-            batch: Its arrays have the shapes that `ObstacleBatch` names, and may be overwritten
-                once this has returned. All else is checked here.
-            limit: How many obstacles the source may have after a message that adds some; None: as
-                many as the table has room for.
-            gone: How many of those that it has are about to be removed.
+            batch: The message. Its arrays have the shapes of `ObstacleBatch`, and can be
+                overwritten after the call. All other fields are checked here.
+            limit: Greatest number of obstacles of the source after a message that adds some; None:
+                no limit except the table's size.
+            gone: Number of its present obstacles that are about to be removed.
 
         Returns:
-            Whether each sample was simply taken; the others have left faults.
+            Whether each sample was accepted without an exception; the others have left faults.
 
         Raises:
             ObstacleError: The message is malformed; nothing of it is taken, and a fault is left.
@@ -463,41 +465,43 @@ class Obstacles(ObstacleRegister):
         snapshot: bool = False,
         limit: int | None = None,
     ) -> None:
-        """Takes a cloud of points of a source that measures depth; without points, a heartbeat.
+        """Processes a point cloud of a depth sensor; a cloud without points is a heartbeat.
 
-        Each voxel with a point in it is an obstacle, "voxel 3 -2 14": a ball around a cube of a
-        lattice fixed in the world, sqrt(3)/2 of its edge in radius, with a velocity that is not
-        known. A voxel that no point falls into any more may be hidden, so it stays and grows with
-        its age; it goes, however far it has grown, where rays of one cloud passed through its
-        cube, by the rule in `clouds`, or by `snapshot`. What is behind what the source sees was
-        never reported: where somebody may hide there, `add_entrance` says so. A source sends
-        clouds, or obstacles by `update`, and not both with snapshots.
+        Each voxel with a point in it is an obstacle such as "voxel 3 -2 14": a ball around a cube
+        of a lattice that is fixed in the world, with a radius of sqrt(3)/2 of its edge and an
+        unknown velocity. A voxel that no longer has points may be hidden, so it stays and grows
+        with its age. It is removed, however far it has grown, if rays of one cloud passed through
+        its cube, by the rule in `clouds`, or by `snapshot`. Space behind visible surfaces is not
+        observed: if a person can hide there, it must be stated with `add_entrance`. A source sends
+        clouds, or obstacles by `update`; it must not use both with snapshots.
 
-        Points that are not finite, or beyond the table's extent, are left out, and a fault says how
-        many. Where they are more than half of what came in a second, the source is not believed.
+        Points that are not finite, or beyond the table's extent, are dropped, and a fault gives
+        their number. If more than half of the points within one second are unusable, the source is
+        not believed.
 
         Args:
-            source: Name of the source that speaks; required from then on.
-            stamp: When the cloud was measured, in [s].
-            points: Where rays end, in [m]. Shape (n, 3).
-            origin: Where they begin, the camera's centre, in [m] in the same frame. Shape (3,).
+            source: Name of the source; from now on its silence is a STOP.
+            stamp: Time of measurement, in [s].
+            points: End points of rays, in [m]. Shape (n, 3).
+            origin: Origin of the rays, the camera's centre, in [m] in the same frame. Shape (3,).
             voxel: Edge of the voxels, in [m], the same in all clouds of a source.
-            occupied: Which points are to be obstacles, such as those that `CloudFilter` does not
-                find to be the arm's, and no background finds to be its own; the rays of the others
-                still tell what is empty. None: all. Bool, shape (n,).
-            position_error: What points may be off by, half the distance between neighbouring rays
-                where they end included, in [m].
+            occupied: Points that become obstacles, such as those that `CloudFilter` and a
+                background filter have not removed. The rays of the other points still show empty
+                space. None: all. Bool, shape (n,).
+            position_error: Greatest error of points, including half the distance between
+                neighbouring rays at their end, in [m].
             accel: Bound on acceleration, in [m/s²]; None: the table's for the id "voxel".
             speed: Bound on speed, in [m/s]; None: the table's for the id "voxel".
-            frame: In which frame, one of the table's.
-            snapshot: Whether this source sees the whole cell: all else of it is removed.
-            limit: How many obstacles the source may have after a cloud that adds some, those that
-                its rays clear left out. One that adds none is always taken: it may clear some.
-                None: as many as the table has room for.
+            frame: Frame of the coordinates, one of the table's.
+            snapshot: Whether this cloud shows all that the source sees: its other obstacles are
+                removed.
+            limit: Greatest number of obstacles of the source after a cloud that adds some, without
+                those that its rays clear. A cloud that adds none is always accepted, since it may
+                clear some. None: no limit except the table's size.
 
         Raises:
-            ObstacleError: The call is malformed, or goes beyond the limit; nothing of it is taken,
-                and a fault is left.
+            ObstacleError: The call is malformed or exceeds the limit; it changes nothing, and a
+                fault is left.
         """
         try:
             self._check_source(source)
@@ -573,11 +577,11 @@ class Obstacles(ObstacleRegister):
             )
 
     def prepare_clouds(self) -> None:
-        """Compiles what clouds need, so that the first one is like any other."""
+        """Compiles the kernels for clouds, so that the first cloud takes no longer than others."""
         self._open_clouds()
 
     def _open_clouds(self) -> CloudReader:
-        """What reads clouds; made when it is wanted first."""
+        """The reader of clouds; made at its first use."""
         if self._clouds is None:
             self._clouds = CloudReader()
         return self._clouds
@@ -596,7 +600,7 @@ class Obstacles(ObstacleRegister):
         ]
 
     def count_points(self, source: str, stamp: float, points: int, dropped: int) -> None:
-        """Counts the points of a cloud, and leaves a fault where some could not be used.
+        """Counts the points of a cloud, and leaves a fault if some could not be used.
 
         Args:
             source: Whose cloud it was; one that has spoken.
@@ -623,7 +627,7 @@ class Obstacles(ObstacleRegister):
         position_error: Field,
         velocity_error: Field,
     ) -> tuple[Any, ...]:
-        """Takes the samples of a message into the memory of messages.
+        """Reads the samples of a message into the memory of messages.
 
         Returns:
             The last values of `MessageHead`, from `each` on.
@@ -651,7 +655,7 @@ class Obstacles(ObstacleRegister):
         return each, *values
 
     def _recall(self, ids: Sequence[str], owner: int) -> ResolvedIds | None:
-        """What was found of the same ids in the same order, in a message of this source before."""
+        """The stored result for the same ids in the same order, from an earlier message."""
         known = self._resolved.get(owner)
         if not known or type(ids) is not list or not ids or type(ids[0]) is not str:
             return None
@@ -665,9 +669,9 @@ class Obstacles(ObstacleRegister):
         return resolved if resolved is not None and resolved.names == ids else None
 
     def _find_rows(self, resolved: ResolvedIds, time: float, state: SourceState) -> IntArray:
-        """Rows of a message's obstacles, those of new ones among them; -1 of what may not come in.
+        """Rows of a message's obstacles, including new ones; -1 if one may not be added.
 
-        Remembered for the next such message, where all have come in.
+        The result is stored for the next such message if all were added.
         """
         names = resolved.names
         places = list(map(self._rows_of(state.index).get, names, repeat(-1)))
@@ -685,7 +689,7 @@ class Obstacles(ObstacleRegister):
         return rows
 
     def _tell_exceptions(self, names: list[str], time: float, source: str, frame: str) -> int:
-        """Leaves a fault for each sample that was not simply taken; how many were refused."""
+        """Leaves a fault for each exceptional sample; returns the number of refused samples."""
         refused = 0
         codes, values = self._memory.data.codes[: len(names)], self._memory.data.values
         places = codes.nonzero()[0]
@@ -701,16 +705,16 @@ class Obstacles(ObstacleRegister):
         return refused
 
     def add_static(self, id: str, position: ArrayLike, radius: float) -> None:
-        """Adds an obstacle that stands still for ever and never ages.
+        """Adds a static: an obstacle that never moves and never ages.
 
         Args:
-            id: Its name, unique among obstacles that stand still and entrances.
+            id: Its name, unique among statics and entrances.
             position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
                 (k, 3).
             radius: Around the hull, in [m].
 
         Raises:
-            ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
+            ObstacleError: An argument is malformed, or the id is in use; a fault is left.
         """
         try:
             name, points, size = self._read_place("static obstacle", id, position, radius)
@@ -729,33 +733,34 @@ class Obstacles(ObstacleRegister):
         speed: float | None = None,
         accel: float | None = None,
     ) -> None:
-        """Adds a region out of which a body may come unseen, at any moment and at any velocity.
+        """Adds an entrance: a region where an unreported body can appear at any moment.
 
-        Doors are entrances, and so are the edges of what a camera sees and the far side of a
-        pillar. What no source reports is taken not to be there, except here: at every tick, a body
-        that is not reported may be anywhere in the region, or has left it for no longer than
-        `detection_time`, and may move on at its bound on speed. So the region is widened once, by
-        speed times `detection_time`. It never ages, no source tells of it, no snapshot removes it,
-        and it counts anew in every tick.
+        Doors are entrances, and so are the edges of a camera's view and the far side of a pillar.
+        armguard assumes that bodies which no source reports do not exist, except here. At every
+        tick, an unreported body may be anywhere in the region, or may have left it for at most
+        `detection_time`, at any velocity up to its bound on speed. So the region is enlarged once,
+        by speed times `detection_time`. An entrance never ages, no source reports it, no snapshot
+        removes it, and it counts again in every tick.
 
         The contact time is that of a body that moves at its bound on speed from the beginning. A
-        body that stands in the region first comes no sooner, whatever its acceleration; so the
-        bound on acceleration makes no difference to contact times. The table keeps it.
+        body that is first at rest in the region arrives no sooner, whatever its acceleration. So
+        the bound on acceleration has no effect on contact times; the table only stores it.
 
         Args:
             id: Its name, unique among obstacles that stand still and entrances; verdicts name it.
             position: Its centre, or up to eight points whose hull it is, in [m]. Shape (3,) or
                 (k, 3).
-            radius: Around the hull, in [m]. The region holds all of a body that is not seen, its
-                hands as well as its trunk.
+            radius: Radius around the hull, in [m]. The region must contain the whole unseen body,
+                including its hands.
             detection_time: The longest time from leaving the region until a source has reported
                 the body, in [s]: period of the source, missed messages and latency together.
-            speed: Bound on what comes out, in [m]/[s], finite and above 0; None: the table's for
-                this id.
-            accel: Bound on what comes out, in [m]/[s]^2; None: the table's for this id.
+            speed: Bound on the speed of the body, in [m]/[s], finite and above 0; None: the table's
+                for this id.
+            accel: Bound on the acceleration of the body, in [m]/[s]^2; None: the table's for this
+                id.
 
         Raises:
-            ObstacleError: Something of this is malformed, or the id is taken; a fault is left.
+            ObstacleError: An argument is malformed, or the id is in use; a fault is left.
         """
         try:
             name, points, size = self._read_place("entrance", id, position, radius)
@@ -794,17 +799,17 @@ class Obstacles(ObstacleRegister):
         self.table.place_entrance(row, points, size, rate, pace)
 
     def tether(self, a: str, b: str, length: float, source: str) -> None:
-        """States that two obstacles are never far apart, such as an elbow and its shoulder.
+        """States a tether: two obstacles are never far apart, such as an elbow and its shoulder.
 
-        No centre point of either is ever farther than the length from the hull of the other's
-        centre points, from the next step on. So where one of them is not seen, it is near the other
-        one, and there is no contact before the later of two times: by its own last state, and by
-        the other's. That is a premise, and the verdicts that use it rest on it. Two obstacles that
-        are both seen, and farther apart, break the tether: verdicts name it, and it is not used
-        until the two have agreed with it for `rise_delay`.
+        From the next step on, no centre point of either obstacle is farther than the length from
+        the hull of the other's centre points. So an obstacle that is not seen is near the other
+        one. Its contact time is the later one of two: by its own last state, and by the other's
+        state. This is a premise of all verdicts that use it. If both obstacles are seen and are
+        farther apart, the tether is broken: verdicts name it, and it is not used until both have
+        agreed with it for `rise_delay`.
 
-        Neither has to be known yet. It is about obstacles that one source reports, of every source
-        that reports both ids; what stands still has no tether. Stated anew, the last length counts.
+        The obstacles need not exist yet. A tether applies to each source that reports both ids, and
+        not to statics. If a tether is stated again, the last length counts.
 
         Args:
             a: Id of one obstacle.
@@ -837,14 +842,14 @@ class Obstacles(ObstacleRegister):
             self._tether(pair, tether)
 
     def untether(self, a: str, b: str) -> None:
-        """Ends what `tether` stated, from the next step on; harmless where nothing was stated.
+        """Ends a tether from the next step on; no effect if there is none.
 
         Args:
             a: Id of one obstacle.
             b: Id of the other one.
 
         Raises:
-            ObstacleError: An id is none, or both are the same; a fault is left.
+            ObstacleError: An id is malformed, or both are the same; a fault is left.
         """
         try:
             pair = self._read_tethered(a, b)
@@ -864,7 +869,7 @@ class Obstacles(ObstacleRegister):
         return frozenset((str(a), str(b)))
 
     def _check_tethers(self, a: str, b: str) -> None:
-        """Raise ObstacleError if two obstacles may not be tethered beside what is stated."""
+        """Raise ObstacleError if another tether of two obstacles would exceed a limit."""
         for name in (a, b):
             count = sum(name in pair for pair in self._tethers)
             if count >= MOST_TETHERS:
@@ -879,7 +884,7 @@ class Obstacles(ObstacleRegister):
     def _read_place(
         self, what: str, id: str, position: ArrayLike, radius: float
     ) -> tuple[str, FloatArray, float]:
-        """Name, points in [m] and radius in [m] of what no source tells of."""
+        """Name, points in [m] and radius in [m] of a static or an entrance."""
         (name,) = read_ids([id])
         if name in self._rows_of(NO_SOURCE):
             raise ObstacleError(f"id {name!r}", "is in the table already")
@@ -901,7 +906,7 @@ class Obstacles(ObstacleRegister):
         return name, points, float(size)
 
     def _take_place(self, name: str) -> int:
-        """Row for what no source tells of."""
+        """Row for a static or an entrance."""
         row = self._take_row(name, NO_SOURCE, -math.inf)
         if row < 0:
             raise ObstacleError(f"id {name!r}", "finds no room in the table")
@@ -910,16 +915,16 @@ class Obstacles(ObstacleRegister):
     def remove(
         self, ids: Sequence[str], stamp: float | None = None, source: str | None = None
     ) -> None:
-        """Removes obstacles; messages from before the removal never bring them back.
+        """Removes obstacles; messages with earlier stamps never restore them.
 
-        Ids that are unknown, belong to another source or have a newer state stay as they are and
+        Ids that are unknown, belong to another source or have a newer state are unchanged, and
         leave a fault.
 
         Args:
             ids: Names of the obstacles.
-            stamp: From when they are gone, in [s]; None: now, whatever their stamps.
-            source: Name of the source that says so; None: the application itself, which may remove
-                obstacles of all sources.
+            stamp: Time of the removal, in [s]; None: now, whatever their stamps.
+            source: Name of the source that removes them; None: the application itself, which can
+                remove obstacles of all sources.
 
         Raises:
             ObstacleError: The call is malformed; nothing is removed, and a fault is left.
@@ -944,10 +949,11 @@ class Obstacles(ObstacleRegister):
             self._remove_one(name, time, owners, source)
 
     def judge_newcomers(self, now: float) -> None:
-        """Finds which new obstacles are believable at `now` in [s], once for each.
+        """Judges once whether each new obstacle is believable at `now` in [s].
 
-        One is not while it has no accepted state, or one so old that the body can have crossed the
-        whole extent since: that says that there is something, and nothing of where it is.
+        An obstacle is not believable without an accepted state, or with one so old that the body
+        can have crossed the whole extent since. Such a state shows that a body exists, but not
+        where.
         """
         if not self._newcomers:
             return
@@ -960,11 +966,11 @@ class Obstacles(ObstacleRegister):
         self._newcomers.clear()
 
     def forget_unbelieved(self, now: float, default_timeout: float) -> None:
-        """Forgets what no message may ever end, as an operator's reset asks for; faults name it.
+        """Drops obstacles and sources that no message may ever end, at a reset; faults name them.
 
-        That are obstacles of which nothing was believable in any tick; and where sources were
-        named, others that have no obstacle and are silent: they are not missed any more until they
-        speak again. What was believable once stays, and so do other arms.
+        It drops obstacles without any believable state so far. If sources are named, it also drops
+        unnamed silent sources without obstacles: their silence no longer counts until they send
+        again. Obstacles that were believable once stay, and so do other arms.
 
         Args:
             now: Time of the last tick, in [s].
@@ -1009,10 +1015,10 @@ class Obstacles(ObstacleRegister):
         return error
 
     def leave_malformed(self, source: str, offender: str, problem: str, stamp: float) -> None:
-        """Leaves the fault of a malformed call: for those that made it out to be one elsewhere.
+        """Leaves the fault of a call that was found malformed elsewhere.
 
         Args:
-            source: Who made it; empty where that is not known.
+            source: Name of the caller; empty if unknown.
             offender: What was at fault.
             problem: What was wrong with it.
             stamp: Of the call, in [s]; NaN where it had none.
@@ -1022,19 +1028,19 @@ class Obstacles(ObstacleRegister):
         self._faults.leave(FaultKind.MALFORMED, source, "", offender, problem, stamp)
 
     def leave_broken(self, source: str, joint: str, problem: str, stamp: float) -> None:
-        """Leaves the fault of another arm that broke what was promised of it.
+        """Leaves the fault of another arm that broke its stated limits or its plan.
 
         Args:
             source: Name of the arm.
-            joint: Which of its joints did.
-            problem: What it did, and by how much.
+            joint: The joint that broke it.
+            problem: The violation and its amount.
             stamp: Of the joint state that shows it, in [s].
         """
         self._note(PromiseBroken(source=source, joint=joint, problem=problem, stamp=stamp))
         self._faults.leave(FaultKind.PROMISE_BROKEN, source, "", joint, problem, stamp)
 
     def _admit(self, name: str, time: float, state: SourceState) -> int:
-        """Row for an id that is not in the table; -1 if it may not come in."""
+        """Row for an id that is not in the table; -1 if it may not be added."""
         if self._tombstones.covers(name, state.index, time):
             self.late_count += 1
             return -1
@@ -1058,7 +1064,7 @@ class Obstacles(ObstacleRegister):
         return row
 
     def _remove_absent(self, rows: IntArray, time: float, state: SourceState, late: bool) -> None:
-        """Removes what a snapshot does not show, unless something newer is known of it."""
+        """Removes obstacles that a snapshot does not show, unless they have a newer state."""
         if len(rows) == len(self._rows_of(state.index)) and not (rows < 0).any():
             # It shows all that there is.
             return

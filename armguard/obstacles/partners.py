@@ -1,4 +1,4 @@
-"""By whose state an obstacle is judged beside its own, where it is tethered.
+"""Finds the tethered partner whose state bounds an obstacle in addition to its own.
 
 A tether proves nothing through a *partner* of which it is not clear where it is: one without an
 accepted state, one of which a refused state may be true as well, or what stands still for ever.
@@ -32,7 +32,7 @@ NO_PARTNER = -1
 
 
 class Partner(NamedTuple):
-    """By whose state an obstacle is judged beside its own."""
+    """A partner, whose state bounds an obstacle in addition to its own."""
 
     row: int
     """That of the partner; NO_PARTNER where there is none."""

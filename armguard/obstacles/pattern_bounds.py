@@ -1,7 +1,7 @@
-"""Bounds of obstacles whose messages bring none, by patterns of their ids.
+"""Bounds by patterns of ids, for obstacles whose messages give none.
 
-A hand, a head and a ball that is thrown have little in common, and few perception systems say what
-each can do. The person who sets up a cell knows it, and says it once, by id.
+A hand, a head and a thrown ball need different bounds, and few perception systems send bounds. The
+integrator of a cell states them once, by id.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Regions of a body by patterns of ids, for obstacles whose messages do not say which they are.
+"""Regions of a body by patterns of ids, for obstacles whose messages state none.
 
 Few perception systems say which part of a body an obstacle is, but most name it: "left_hand".
 """

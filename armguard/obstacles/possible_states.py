@@ -1,9 +1,9 @@
-"""The states of an obstacle that may be true: its accepted one and those of refused samples.
+"""The possible states of an obstacle: its accepted state and those of refused samples.
 
-A refused sample contradicts the accepted state: one of the two is wrong, and none can tell which.
-Until that is settled each is bounded by itself, with its own errors, bounds and age, and what is
-proved of an obstacle must hold for all of them. This is the one place that says which they are;
-`possible_states` and `state_at` are how everything reads them.
+A refused sample contradicts the accepted state: one of the two is wrong, and it is unknown which.
+Until this is decided, each is bounded by itself, with its own errors, bounds and age, and proofs
+about an obstacle must hold for all of them. This module alone defines these states; all other code
+reads them through `possible_states` and `state_at`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def state_at(
 
 @kernel
 def is_known(marks: Marks, row: int) -> bool:
-    """Whether an obstacle's whereabouts can be reckoned with at all."""
+    """Whether an obstacle has any usable state; otherwise it could be anywhere."""
     return not marks.unknown[row] and (marks.has_state[row] or marks.refused_count[row] > 0)
 
 
@@ -70,7 +70,7 @@ def list_states(
 
 @kernel
 def forget_expired(handle: Any, now: float, lasting: float) -> bool:
-    """Give up the refused samples that have been possible for `lasting` seconds.
+    """Drop the refused samples that have been possible for `lasting` seconds.
 
     Counted from the tick that saw them first, which is this one where they are new: their own
     stamps may be late, ahead or wrong. A row without an accepted state keeps them, for nothing else
@@ -120,7 +120,7 @@ def forget_expired(handle: Any, now: float, lasting: float) -> bool:
 
 @kernel
 def drop_state(marks: Marks, refused: States, refusals: Refusals, row: int, place: int) -> None:
-    """Give up one refused state of a row; the last one takes its place."""
+    """Drop one refused state of a row; the last one takes its place."""
     marks.refused_count[row] -= 1
     marks.refused[row] = marks.unknown[row] or marks.refused_count[row] > 0
     last = row * MOST_REFUSED + marks.refused_count[row]
@@ -132,7 +132,7 @@ def drop_state(marks: Marks, refused: States, refusals: Refusals, row: int, plac
 
 @kernel
 def drop_undecided(marks: Marks, refused: States, refusals: Refusals, row: int) -> bool:
-    """Give up what stands for a body that may have broken its bounds; whether something did."""
+    """Drop states of a body that may have broken its bounds; returns whether any was dropped."""
     for place in range(row * MOST_REFUSED, row * MOST_REFUSED + marks.refused_count[row]):
         if refusals.is_undecided[place]:
             drop_state(marks, refused, refusals, row, place)
@@ -157,7 +157,7 @@ def find_place(marks: Marks, refusals: Refusals, row: int) -> int:
 
 @kernel
 def lose_sight(marks: Marks, refusals: Refusals, row: int) -> None:
-    """Let an obstacle be anywhere: what was said of it cannot be reckoned with."""
+    """Let an obstacle be anywhere, because a sample of it is unusable."""
     marks.refused[row] = marks.unknown[row] = True
     refusals.unknown_until[row] = np.inf
 

@@ -1,4 +1,4 @@
-"""One measured state of a body as compiled code compares it with others."""
+"""One measured state of a body, for comparisons in compiled code."""
 
 from __future__ import annotations
 

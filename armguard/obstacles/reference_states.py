@@ -1,8 +1,7 @@
-"""What certificates rest on: until when they hold, and the records of obstacles behind them.
+"""Reference states: the obstacle states behind certificates, and the expiry of certificates.
 
-A certificate says "no contact before `expire`, whatever happens within the bounds". It stays good
-while every newer state of its obstacle lies within what the record behind it, its reference state,
-allowed.
+A certificate states "no contact before `expire`, whatever happens within the bounds". It stays
+valid while every newer state of its obstacle is within what its reference state allowed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which parts of a body an obstacle may be, and what contact with them is permitted.
+"""The body regions that an obstacle may be, and the contact limits of these regions.
 
 Each row of the obstacle table has a set of regions: all that were ever stated of it, the accepted
 and the refused samples alike. A row that changed its region, or of which two states are possible,

@@ -1,7 +1,7 @@
-"""The side of the obstacle table that the monitor sees, and the register of its ids.
+"""The register of obstacle ids, and the monitor's view of the obstacle table.
 
-Which row belongs to which id and source, which sources have gone silent, what was refused, which
-rows came and went: questions that are asked in every tick and answered without reading each row.
+It answers the queries of every tick without reading each row: the row of each id and source, silent
+sources, refused samples, and added and removed rows.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class ObstacleRegister:
     Attributes:
         table: The arrays, by row; see `ObstacleTable`.
         ids: Id of each row; empty where the row is free.
-        late_count: Late messages, by obstacle, that were ignored.
-        expects_sources: Whether sources are to come of which none was named.
+        late_count: Number of late samples that were ignored.
+        expects_sources: Whether unnamed sources are expected.
         watcher: Number of the scheduler that follows the rows; see `start_watching`.
-        journal: Is told each call that changes the table; None: nothing is. Copies have none.
+        journal: Receives each call that changes the table; None: no journal. Copies have none.
     """
 
     journal: Journal | None = None
@@ -110,8 +110,8 @@ class ObstacleRegister:
 
         Args:
             id: Its name.
-            source: Whose obstacle it is; "" for one that stands still; None: any, those that stand
-                still and sources that came earlier first.
+            source: Source of the obstacle; "" for a static; None: any, statics and earlier sources
+                first.
         """
         for rows in self._rows.values():
             if id in rows and source in (None, self.source_of(rows[id])):
@@ -131,14 +131,14 @@ class ObstacleRegister:
         return "" if owner == NO_SOURCE else self._sources.states[owner].source.name
 
     def count_of(self, source: str, also: Iterable[str] = ()) -> int:
-        """How many obstacles of a source there are, or would be with these ids besides."""
+        """Number of obstacles of a source, or the number including these ids."""
         state = self._sources.find(source)
         rows = {} if state is None else self._rows.get(state.index, {})
         return len(rows) + len(set(also).difference(rows))
 
     @property
     def tethers(self) -> tuple[Tether, ...]:
-        """The tethers that are stated, in the order in which they were stated first."""
+        """The stated tethers, in the order in which they were first stated."""
         return tuple(self._tethers.values())
 
     def _tether(self, pair: frozenset[str], tether: Tether | None) -> None:
@@ -177,7 +177,7 @@ class ObstacleRegister:
 
     @property
     def has_broken_tethers(self) -> bool:
-        """Whether `describe_broken_tethers` would name any: quick to tell in every tick."""
+        """Whether `describe_broken_tethers` would name any; quick, for every tick."""
         return self.table.tethers.numbers.item(TORN) > 0
 
     def describe_broken_tethers(self) -> list[tuple[str, str]]:
@@ -191,9 +191,9 @@ class ObstacleRegister:
         return told
 
     def start_watching(self) -> int:
-        """Lets every row in use count as added, for a new watcher, and returns its number.
+        """Counts every row in use as added, for a new watcher, and returns its number.
 
-        Rows that were drained are not told again: only the watcher that came last learns of all.
+        Drained rows are not reported again: only the newest watcher gets all rows.
         """
         self.watcher += 1
         self._removed.clear()
@@ -228,7 +228,7 @@ class ObstacleRegister:
         return np.flatnonzero(self.table.refused) if self._any_refused else NO_ROWS
 
     def forget_refused(self, now: float, lasting: float) -> None:
-        """Gives up refused samples that have been possible for long enough.
+        """Drops refused samples that have been possible for long enough.
 
         Args:
             now: Time of the tick, in [s].
@@ -247,28 +247,28 @@ class ObstacleRegister:
         return np.flatnonzero(moving & ~(table.stamp - now <= tolerance))
 
     def distrust(self, row: int) -> None:
-        """Gives up a row's accepted state: it counts as a refused sample."""
+        """Turns a row's accepted state into a refused sample."""
         distrust(self.table.handle, int(row))
         self._any_refused = bool(self.table.refused.any())
 
     @property
     def source_states(self) -> list[SourceState]:
-        """What is known of each source, by its number; for observers."""
+        """The state of each source, by its number; for observers."""
         return self._sources.states
 
     @property
     def source_names(self) -> list[str]:
-        """Sources that were named or have spoken, in order of appearance."""
+        """Sources that were named or have sent, in order of appearance."""
         return [state.source.name for state in self._sources.states]
 
     @property
     def has_sources(self) -> bool:
-        """Whether any source was named or has spoken."""
+        """Whether any source was named or has sent."""
         return bool(self._sources.states)
 
     @property
     def heard_sources(self) -> list[tuple[str, int, float, float | None]]:
-        """Name of each source, how many messages came, the newest stamp [s] and its timeout [s].
+        """Name of each source, its number of messages, newest stamp [s] and timeout [s].
 
         The stamp is -inf before the first message; without a timeout the monitor's own counts.
         """
@@ -288,25 +288,26 @@ class ObstacleRegister:
     def ahead_sources(self, now: float, tolerance: float) -> list[tuple[str, float]]:
         """Sources whose last stamp is more than `tolerance` [s] ahead of `now`, and by how much.
 
-        Removals stamped so far ahead count as made now: else they would hide their ids for ever.
+        Removals with stamps so far ahead count as made now; otherwise they would hide their ids for
+        ever.
         """
         if not self._tombstones.newest - now <= tolerance:
             self._tombstones.limit(now)
         return self._sources.ahead(now, tolerance)
 
     def quiet_until(self, default_timeout: float) -> float:
-        """When a source may have been silent for too long, in [s], at the earliest."""
+        """Earliest time at which a source can time out, in [s]."""
         return self._sources.quiet_until(default_timeout)
 
     def is_quiet(self, now: float, tolerance: float) -> bool:
-        """Whether nothing is wrong at `now` in [s], silence apart: quick to tell in every tick.
+        """Whether there is no fault at `now` in [s], apart from silence; quick, for every tick.
 
-        Nothing refused that may be true, nothing new, and what `is_settled` says.
+        No refused sample is possible, no obstacle is new, and `is_settled` is true.
         """
         return not (self._any_refused or self._newcomers) and self.is_settled(now, tolerance)
 
     def is_settled(self, now: float, tolerance: float) -> bool:
-        """Whether at `now` in [s] there is nothing that a tick would have to be told.
+        """Whether there is nothing to report in a tick at `now` in [s].
 
         No faults to take, nothing unplaced, no source disbelieved, no stamp more than `tolerance`
         [s] ahead, and `quiet_until` as it was when asked last, or later.
@@ -325,25 +326,25 @@ class ObstacleRegister:
         )
 
     def stops_on_refusal(self, row: int) -> bool:
-        """Whether the source of a row asks for STOP where a sample of it is refused."""
+        """Whether the source of a row requires a STOP for a refused sample."""
         owner = int(self.table.owner[row])
         return owner != NO_SOURCE and self._sources.states[owner].source.on_refusal == "stop"
 
     def disbelieved_sources(self) -> list[tuple[str, str]]:
-        """Names of sources of which most was refused lately, with how much in words."""
+        """Names of sources with mostly refused rows lately, with the figures in words."""
         if not self._sources.any_disbelieved:
             return []
         return [(one.source.name, one.describe_refusals()) for one in self._sources.disbelieved()]
 
     @property
     def has_wide_spreads(self) -> bool:
-        """Whether `describe_spreads` would name any row: quick to tell in every tick."""
+        """Whether `describe_spreads` would name any row; quick, for every tick."""
         return self.table.spreads.wide_count.item() > 0
 
     def describe_spreads(self) -> list[tuple[str, str]]:
-        """Ids whose samples are off by more than is stated, with what was found in words.
+        """Ids whose samples have larger errors than stated, with the figures in words.
 
-        See `spread` for what is found; at most `SPREADS_TOLD` are named.
+        See `spread` for the method; at most `SPREADS_TOLD` are named.
         """
         spreads, told = self.table.spreads, []
         for row in np.flatnonzero(spreads.is_wide)[:SPREADS_TOLD].tolist():
@@ -353,7 +354,7 @@ class ObstacleRegister:
 
     @property
     def is_untouched(self) -> bool:
-        """Whether nothing was told of it but what stands still for ever, in rows in order."""
+        """Whether the table has received only statics, in rows in order."""
         table = self.table
         return (
             not any(state.heard for state in self._sources.states)
@@ -364,11 +365,11 @@ class ObstacleRegister:
         )
 
     def unplaced(self) -> list[str]:
-        """Obstacles that were reported and found no room in the table."""
+        """Reported obstacles without room in the table."""
         return self._unplaced.names()
 
     def take_faults(self) -> list[Fault]:
-        """What was refused since the last call, oldest first."""
+        """The faults since the last call, oldest first."""
         self._note(FaultsTaken())
         return self._faults.take()
 
@@ -378,7 +379,7 @@ class ObstacleRegister:
             self.journal.note_message(message)
 
     def take_dropped_faults(self) -> int:
-        """How many faults found no room since the last call: too many came between two steps."""
+        """Number of faults that were dropped since the last call, because there were too many."""
         return self._faults.take_dropped()
 
     @property
@@ -387,7 +388,7 @@ class ObstacleRegister:
         return self._faults.count
 
     def is_entrance(self, row: int) -> bool:
-        """Whether bodies that nobody has reported may come out of a row at any moment."""
+        """Whether a row is an entrance."""
         table = self.table
         return bool(table.static[row] and table.has_state[row] and table.speed[row] > 0.0)
 

@@ -1,7 +1,7 @@
-"""Sources of obstacle states, when each was last heard, and which ids were removed when.
+"""Sources of obstacle states: the last message of each, and times of removals of ids.
 
-A source is required when it was named as such, and every source is from the moment it first
-speaks: silence of something that used to see people does not say that the cell is empty.
+A source is required if it is named so, and every source is required after its first message: the
+silence of a source that used to see people does not mean that the cell is empty.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ others there are."""
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A publisher of obstacle states.
+    """A source: a process that reports obstacles.
 
     Attributes:
         name: As in the `source` of its messages.
-        timeout: Longest silence, in [s]; None: the monitor's default.
-        required: Whether silence counts before it has first spoken.
-        on_refusal: What a sample of it that is refused means: "bound", it may be true, and is
-            bounded as what is believed is; "stop", STOP for as long as it may be true.
-        latency: How old its data are when they come, in [s]. With `rate` it says which age is
-            usual at the start, so that verdicts can name late data; nothing else rests on it.
-        rate: Messages a second that it means to send, in [Hz]; None: not stated.
+        timeout: Longest permitted silence, in [s]; None: the monitor's default.
+        required: Whether silence before its first message is a STOP.
+        on_refusal: Effect of a refused sample. "bound": the sample may be true, and counts with its
+            bounds. "stop": STOP as long as it may be true.
+        latency: Age of its data at arrival, in [s]. With `rate` it gives the usual age at the
+            start, so that verdicts can name late data. It has no other effect.
+        rate: Nominal rate of its messages, in [Hz]; None: unknown.
     """
 
     name: str
@@ -129,7 +129,7 @@ class RefusalCount:
 
 @dataclass(slots=True)
 class SourceState:
-    """What is known about a source.
+    """State of a source.
 
     Attributes:
         source: As it was named, or as it introduced itself.
@@ -169,7 +169,7 @@ class SourceState:
 
 
 class Sources:
-    """All sources that were named or have spoken, in order of appearance.
+    """All sources that were named or have sent, in order of appearance.
 
     Attributes:
         states: Of each of them.
@@ -230,7 +230,7 @@ class Sources:
             )
 
     def forget(self, state: SourceState) -> None:
-        """Let a source that was not named count as one that has never spoken, until it speaks."""
+        """Let an unnamed source count as one that has never sent, until it sends again."""
         state.source = replace(state.source, required=False)
         state.heard = False
         state.stamp = state.newest = -math.inf
@@ -241,7 +241,7 @@ class Sources:
         self.unsettled = True
 
     def silent(self, now: float, default_timeout: float) -> list[tuple[str, str]]:
-        """Required sources unheard so far, or for longer than their timeout, in [s]; and how."""
+        """Required sources that never sent or exceed their timeout, with their silence."""
         found = []
         for state in self.states:
             if state.required:
@@ -252,7 +252,7 @@ class Sources:
         return found
 
     def _describe_silence(self, state: SourceState, now: float, timeout: float) -> str:
-        """For how long a source has been silent; and who speaks that was not named."""
+        """How long a source has been silent, and which unnamed sources send, in words."""
         if state.heard:
             return f"newest stamp {now - state.newest:.3g} s old, expected at most {timeout:g} s"
         strangers = [repr(one.source.name) for one in self.states if one.heard and not one.is_named]
@@ -262,7 +262,7 @@ class Sources:
         return told
 
     def disbelieved(self) -> list[SourceState]:
-        """Sources of which most rows were refused lately, or most points could not be used."""
+        """Sources with mostly refused rows or unusable points lately."""
         return [
             state
             for state in self.states
@@ -270,7 +270,7 @@ class Sources:
         ]
 
     def quiet_until(self, default_timeout: float) -> float:
-        """When the first required source will have kept silent for its timeout, in [s]."""
+        """Time at which the first required source times out, in [s]."""
         self.unsettled = False
         ends = [
             state.newest

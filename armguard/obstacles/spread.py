@@ -1,7 +1,7 @@
-"""Are the errors of a body's samples as small as its source says?
+"""Tests whether the errors of a body's samples are as small as its source states.
 
-A body that keeps its acceleration bound A leaves little to chance between samples: with positions
-x0, x1, x2 at times h1 and h2 apart and r = h2 / h1, the second difference
+The acceleration bound A of a body limits its motion between samples: with positions x0, x1, x2 at
+times h1 and h2 apart and r = h2 / h1, the second difference
 
     |x2 - x1 - r (x1 - x0)| <= A h2 (h1 + h2) / 2 + (2 + 2 r) dp
 

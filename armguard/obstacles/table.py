@@ -23,15 +23,15 @@ from armguard.obstacles.tethers import make_tethers, resize_tethers
 
 MAXIMUM_POINTS = 8
 MAXIMUM_ROWS = 2**18
-"""Bound on memory: with all in use and as much refused as can be some 300 MB for balls, 1.2 GB for
-boxes. What finds no row is a fault that stays."""
+"""Greatest number of rows. With all rows and refused states in use, this takes some 300 MB for
+balls and 1.2 GB for boxes. An obstacle without a row is a lasting fault."""
 
 TETHERS = 64
 """Tethers between rows for which there is room at first."""
 
 MOST_REFUSED = 4
-"""Refused states that are kept beside an accepted one. With another one that agrees with none of
-them the obstacle could be anywhere."""
+"""Greatest number of refused states in addition to the accepted one. After a further one that
+agrees with none of them, the obstacle could be anywhere."""
 
 
 class States(NamedTuple):
@@ -72,7 +72,7 @@ class Marks(NamedTuple):
     refused: BoolArray
     """Samples of it were refused and may be true. Shape (rows,)."""
     unknown: BoolArray
-    """Some of those cannot be reckoned with, so that it could be anywhere. Shape (rows,)."""
+    """Some of those are unusable, so that it could be anywhere. Shape (rows,)."""
     touched: BoolArray
     """A link touches it, as is permitted, so that its motion is not its own. Shape (rows,)."""
     refused_count: IntArray

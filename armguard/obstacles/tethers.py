@@ -1,11 +1,11 @@
-"""Tethers: pairs of obstacles whose points are never far from each other, as somebody has stated.
+"""Tethers: pairs of obstacles that are stated never to be farther apart than a length.
 
-A hidden elbow grows with its age; but its upper arm has a length, and where the shoulder is seen
-the elbow is near it. A tether of length L between bodies a and b states: no centre point of either
-is ever farther than L from the hull of the other's centre points. That hull, grown by L, is convex;
-so all of b lies within the hull of a's centre points, grown by L and by b's radius. An arm that
-keeps out of this touches nothing of b, and b is judged by a's state where that says more than its
-own.
+The possible region of a hidden elbow grows with its age. But its upper arm has a length, so the
+elbow is near a visible shoulder. A tether of length L between bodies a and b states: no centre
+point of either is ever farther than L from the hull of the other's centre points. That hull, grown
+by L, is convex; so all of b lies within the hull of a's centre points, grown by L and by b's
+radius. An arm that keeps out of this touches nothing of b, and b is judged by a's state where that
+says more than its own.
 
 The arrays here say which rows are tethered. Each row has `MOST_TETHERS` places, so that a tick
 needs no memory. `partners` says which tether is of use when, `scheduling.tether_uses` when one is

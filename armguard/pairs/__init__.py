@@ -1,6 +1,6 @@
-"""Pairs of link and obstacle on the numbers of one tick: contact times and distances.
+"""Pairs of link and obstacle: contact times and distances with the data of one tick.
 
-Beside them what of a camera's points is the arm, and another arm as obstacles of this one.
+Also contains the filter of the arm's own points in clouds, and other arms as obstacles.
 """
 
 from typing import TYPE_CHECKING

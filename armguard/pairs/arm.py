@@ -1,4 +1,4 @@
-"""The arm as a watch over pairs sees it: placed, bounded, and laid out for compiled code."""
+"""The watched arm for the evaluation of pairs: placement, bounds, and arrays for compiled code."""
 
 from __future__ import annotations
 

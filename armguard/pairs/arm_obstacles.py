@@ -1,8 +1,8 @@
-"""Another arm as an obstacle: its joint states become moving balls with bounds of their own.
+"""Another arm as obstacles: converts its joint states to moving balls with bounds.
 
-Two arms in one cell have a monitor each, and each is the other's obstacle. Each counts on what the
-other's joints can do, and on what its controller has promised, and neither on what the other's
-monitor says, so that one that fails does not take the other's certificates with it.
+Two arms in one cell have a monitor each, and each is the other's obstacle. Each monitor assumes
+only limits of the other arm's joints, and plans that its controller has shared. It does not use the
+other monitor's verdicts, so that its certificates hold even if the other monitor fails.
 
 Every leaf of a link's cover, cut to a coarse level, is an obstacle: a ball whose centre p(q) is
 known from the joint state, and whose bounds are those of its own link. With R_j the reach of the
@@ -129,16 +129,16 @@ class _Terms(NamedTuple):
 
 
 class ArmObstacles:
-    """The links of an arm as obstacles of another one.
+    """The links of an arm as obstacles of another arm.
 
-    Belongs to the thread of the monitor whose table it writes. Make one for each arm that is
-    watched against this one.
+    It must be used in the thread of the monitor whose table it writes. Make one for each arm that
+    is watched against this one.
 
     Attributes:
         robot: The arm.
-        name: Of the arm in its cell, and of the source that its obstacles come from.
-        ids: Of its obstacles: name of the arm, link, and number of the ball.
-        radius: Of its balls, in [m]. Shape (n,).
+        name: Name of the arm in its cell, and of the source of its obstacles.
+        ids: Ids of its obstacles: name of the arm, link, and number of the ball.
+        radius: Radii of its balls, in [m]. Shape (n,).
     """
 
     def __init__(
@@ -151,20 +151,20 @@ class ArmObstacles:
         operating: OperatingLimits | str | None = None,
         level: int = LEVEL,
     ) -> None:
-        """Compute what the arm's links can do; some tens of milliseconds.
+        """Compute bounds of the arm's links; takes some tens of milliseconds.
 
-        Bodies attached to the robot later are taken in with its next state.
+        Bodies attached to the robot later are included with its next state.
 
         Args:
             robot: The arm.
-            name: Of the arm in its cell, no other's; None: the robot's name.
-            base_placement: Of its base in the world; None: they coincide.
-            placement_error: How far any of its points may be off, as the other arm sees it,
-                because of where the two bases stand, in [m].
-            operating: What its controller keeps to, and enforces; "published": what its
-                description has; None: the robot's limits alone count.
-            level: Of the cover, the finest that is used, from 0, one ball a link. Finer ones are
-                smaller, and cost more.
+            name: Name of the arm, unique in its cell; None: the robot's name.
+            base_placement: Placement of its base in the world; None: they coincide.
+            placement_error: Greatest error of any of its points relative to the other arm, because
+                of errors in the placements of both bases, in [m].
+            operating: Operating limits that its controller enforces; "published": those of its
+                description; None: only the robot's limits count.
+            level: Finest level of the cover to use, from 0, one ball per link. Finer levels have
+                smaller balls, and need more time.
 
         Raises:
             ArmguardError: An argument is malformed, or the operating limits do not fit the robot.
@@ -253,18 +253,17 @@ class ArmObstacles:
             self._history.reset()
 
     def add_fixed(self, obstacles: Obstacles) -> None:
-        """Put what of the arm nothing moves, such as its base, into a table, to stand there.
+        """Add the fixed links of the arm, such as its base, to a table as statics.
 
-        Each link is taken as the box around it, along the axes of the arm's base. `fixed_points`
-        of the robot says which there are; one that is only drawn, without collision geometry, is
-        not put there: add it with `add_static`.
+        Each link becomes the box around it, along the axes of the arm's base. The robot's
+        `fixed_points` lists these links. A link without collision geometry is not among them: add
+        it with `add_static`.
 
         Args:
             obstacles: The table of another arm's monitor.
 
         Raises:
-            ObstacleError: An id is taken: it was put there before, or there are two arms of one
-                name.
+            ObstacleError: An id is in use: it was added before, or two arms have the same name.
         """
         base = pinocchio.SE3.Identity() if self._base is None else self._base
         for link, points in self.robot.fixed_points().items():
@@ -274,22 +273,22 @@ class ArmObstacles:
             obstacles.add_static(f"{self.name} {link}", corners, self._placement_error)
 
     def take_plan(self, plan: Plan, until: float, clock_error: float = 0.0) -> None:
-        """Take a plan that the arm's controller promises to keep to, so that less is feared of it.
+        """Use a plan that the arm's controller has shared, for tighter bounds on the arm.
 
-        The promise: from the plan's stamp to `until` the arm does nothing but follow the plan, on
-        time or slower, or stop, at any moment and in any way. It cannot be taken back. A new plan
-        may be shared meanwhile; what it begins otherwise, it begins after `until`. After that, and
-        where no plan has come, joint limits count alone. A joint state that is faster than the
-        plan allows is a break, and ends all promises.
+        Premise: from the plan's stamp to `until`, the arm only follows the plan, on time or slower,
+        or stops, at any moment and in any way. This cannot be revoked. A new plan can be shared
+        meanwhile, but may deviate only after `until`. After that, and without a plan, only joint
+        limits count. A joint state that is faster than the plan allows is a violation, and ends the
+        use of all shared plans.
 
         Args:
             plan: In the order of `robot.joints`, with a `velocity_tracking_error`; it ends at rest,
                 or not before `until`.
-            until: In [s] on the clock of the joint states.
-            clock_error: What that clock may be off by against the monitor's, either way, in [s].
+            until: End of this premise, in [s] on the clock of the joint states.
+            clock_error: Greatest error of that clock relative to the monitor's, either way, in [s].
 
         Raises:
-            ArmguardError: It is no such plan; what counted before goes on.
+            ArmguardError: The plan cannot be used; earlier plans still count.
         """
         robot = self.robot
         continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
@@ -297,21 +296,21 @@ class ArmObstacles:
         self._plans.append(read_shared_plan(plan, until, turning, clock_error))
 
     def publish(self, obstacles: Obstacles, stamp: float, q: ArrayLike, v: ArrayLike) -> None:
-        """Tell a table where the arm is; its source is the arm's name, and required from then on.
+        """Update a table with the arm's state; the arm's name becomes a required source.
 
-        A state that cannot be (a value that is not finite, a joint beyond its limits and errors)
-        does not raise: its balls are refused by the table, and the monitor says STOP. One that
-        breaks operating limits is taken, and the monitor says STOP, and which joint it was.
+        An impossible state (a value that is not finite, a joint beyond its limits and errors) does
+        not raise: the table refuses its balls, and the level is STOP. A state that breaks operating
+        limits is accepted, and gives a STOP that names the joint.
 
         Args:
             obstacles: The table of another arm's monitor, always the same.
-            stamp: When the state was measured, in [s]; not after the monitor's next step.
+            stamp: Time of measurement, in [s]; not after the monitor's next step.
             q: Joint positions in the order of `robot.joints`, in [rad] or [m]. Shape (nv,).
             v: Their velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
 
         Raises:
-            ObstacleError: The state has not one value a joint, or the name is another source's; a
-                fault is left, as of every malformed call.
+            ObstacleError: The state does not have one value per joint, or another source has this
+                name; a fault is left, as for every malformed call.
         """
         if not self._has_published:
             self._take_name(obstacles, stamp)

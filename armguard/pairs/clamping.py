@@ -1,4 +1,4 @@
-"""Where a link can clamp a part of a body: near to anything else that its distance from can fall.
+"""Finds where a link can clamp a body part: near anything that the link can approach.
 
 A body part that gives way takes up no more than what its own mass brings (`surface_speed`). One
 that is clamped cannot give way: it is pressed until the arm rests, with a force of its stiffness

@@ -1,14 +1,14 @@
-"""Finds the points of a cloud that may be the arm's own, and so are no obstacles.
+"""Finds the points of a cloud that may be the arm's own, which are not obstacles.
 
-A camera that looks at the cell sees the arm as well. What is inside the arm's cover, grown by all
-that its place may be off by and by a shell, is taken for the arm; whatever else is there is not
-seen. That blind shell is the price, and `CloudFilter.blind_shell` says how thick it is.
+A camera also sees the arm. Points inside the arm's cover, enlarged by its position errors and by a
+shell, count as the arm's own; any other body there is not seen. `CloudFilter.blind_shell` is the
+thickness of this blind shell.
 
-Cameras also measure points at the arm's edge too far away, somewhere between the arm and what is
-behind it. Such a point lies on a ray that passes the arm, or nearly so: through the grown cover. So
-with a `trail`, what lies on a ray no farther than that behind the grown cover is taken for the arm,
-too. Of what is not behind the arm itself, where the camera sees nothing anyway, that blinds a rim:
-as wide as the shell in the image, and as deep as the trail.
+At the arm's edge, cameras also measure points too far away, somewhere between the arm and the
+surface behind it. Such a point is on a ray through the enlarged cover. So with a `trail`, points on
+such a ray also count as the arm's own, up to this distance behind the enlarged cover. Apart from
+the space behind the arm, which the camera does not see anyway, this adds a blind rim: as wide as
+the shell in the image, and as deep as the trail.
 """
 
 from __future__ import annotations
@@ -33,26 +33,27 @@ SHELL = 0.02
 
 
 class CloudFilter:
-    """Tells a cloud's points on the arm from others.
+    """Finds the points of a cloud that are not the arm's own.
 
-    Bodies attached to the robot when it is made are part of the arm, others are not.
+    Bodies attached to the robot at construction are part of the arm; later ones are not.
 
     Args:
         robot: The arm.
-        base_placement: Of its base in the world; None: at the origin.
-        shell: Around the arm's cover, in [m], the error of the camera's points included.
-        time_error: How far apart in time a joint state and a cloud may be, in [s]: the arm may have
-            moved meanwhile, by its joints' velocity limits.
-        trail: How far behind the grown cover, along the ray, a point of the arm's edge may be
-            measured, in [m].
+        base_placement: Placement of its base in the world; None: at the origin.
+        shell: Thickness of the shell around the arm's cover, in [m], including the error of the
+            camera's points.
+        time_error: Greatest time between a joint state and a cloud, in [s]: the arm may have moved
+            meanwhile, up to its joints' velocity limits.
+        trail: Greatest distance behind the enlarged cover, along the ray, at which a point of the
+            arm's edge is measured, in [m].
 
     Attributes:
-        blind_shell: How far from the arm's cover a point may be taken for the arm's, at most, in
-            [m]: the shell, and what the arm's surface may be off by where it is most. Behind that,
-            seen from the camera, the trail begins.
+        blind_shell: Greatest distance from the arm's cover at which a point counts as the arm's
+            own, in [m]: the shell, plus the greatest position error of the arm's surface. The trail
+            begins behind it, as seen from the camera.
 
     Raises:
-        ArmguardError: A length or a time is none.
+        ArmguardError: A length or a time is not a finite number of at least 0.
     """
 
     def __init__(
@@ -108,25 +109,24 @@ class CloudFilter:
         frame: Frame | None = None,
         origin: ArrayLike | None = None,
     ) -> BoolArray:
-        """Finds the points of a cloud that are not the arm's.
+        """Finds the points of a cloud that are not the arm's own.
 
-        Points that are not finite count as not the arm's: `update_cloud` leaves them out and says
-        so.
+        Points that are not finite count as not the arm's: `update_cloud` drops and reports them.
 
         Args:
             points: In [m]. Shape (n, 3).
-            q: Joint positions when the cloud was measured, in the order of `robot.joints`, in [rad]
-                or [m]. Shape (nv,).
-            frame: Of the points and the origin; None: the world.
-            origin: Where the rays begin, the camera's centre, in [m]; needed with a trail.
-                Shape (3,).
+            q: Joint positions at the time of the cloud, in the order of `robot.joints`, in [rad] or
+                [m]. Shape (nv,).
+            frame: Frame of the points and the origin; None: the world.
+            origin: Origin of the rays, the camera's centre, in [m]; required with a trail. Shape
+                (3,).
 
         Returns:
             Whether each is not the arm's, for `Obstacles.update_cloud(…, occupied=…)`. Shape (n,).
 
         Raises:
-            ArmguardError: Points, positions or origin have another shape, or positions or origin
-                are not finite: then it is not known where the arm or its edge is.
+            ArmguardError: Points, positions or origin have a wrong shape, or positions or origin
+                are not finite, so that the place of the arm or its edge is unknown.
         """
         ends = np.ascontiguousarray(points, dtype=np.float64)
         if ends.ndim != 2 or ends.shape[1] != 3:

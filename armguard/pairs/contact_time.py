@@ -1,4 +1,4 @@
-"""Earliest contact of one link and one obstacle: down the link's tree of spheres, bound by bound.
+"""Contact time of one link and one obstacle: descends the link's sphere tree, bound by bound.
 
 Each bound on the arm's motion is a proof by itself, so the latest of their times stands, and they
 are tried from the cheapest to the dearest: what the link cannot leave, its spheres as free bodies,

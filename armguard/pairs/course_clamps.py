@@ -1,4 +1,4 @@
-"""Which obstacles an arm on a committed piece can press a body part against."""
+"""Finds obstacles against which an arm on a committed piece can press a body part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numbers of one tick, and the evaluation of pairs of link and obstacle on them.
+"""The data of one tick, and the evaluation of pairs of link and obstacle.
 
 A `TickState` lays out for compiled code what kinematics, motion models and the obstacle table hold;
 `evaluate` finds the contact times of any number of pairs. All arrays are flat and belong to others;

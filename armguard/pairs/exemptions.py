@@ -1,4 +1,4 @@
-"""Contact that is wanted for the time being: pairs that are not watched until a time, or in a zone.
+"""Exemptions for wanted contact: pairs that are not watched until a time, or in a zone.
 
 A pair is left out of a tick only where no contact in it could be unwanted before the arm rests: one
 that is told to stop by the next verdict, in `horizon` seconds at the latest. Contact is wanted
@@ -44,7 +44,7 @@ _NO_ROWS: IntArray = np.zeros(0, dtype=np.int64)
 
 
 class Exemption(NamedTuple):
-    """One exemption, as it was asked for."""
+    """One requested exemption."""
 
     number: int
     """By which it is ended; they count from 1."""
@@ -223,7 +223,7 @@ class Exemptions:
         if not (is_number and 1 <= number <= self.count):  # type: ignore[operator]  # a number
             raise ArmguardError(
                 f"exemption {number!r}",
-                "was never asked for",
+                "does not exist",
                 expected=f"one of 1 to {self.count}" if self.count else "the number of one",
             )
         self._drop([one for one in self._entries if one.exemption.number == number])
@@ -344,9 +344,9 @@ def _describe(entry: _Entry) -> State:
     count = int(np.count_nonzero(entry.left_out))
     is_known, rests = entry.grounds
     if not fitting:
-        detail = "no obstacle that fits is there"
+        detail = "no matching obstacle exists"
     elif not is_known:
-        detail = "watched: it is not known how the arm stops, or it may be on a plan"
+        detail = "watched: the arm's stop time is unknown, or it may be on a plan"
     elif not rests:
         detail = f"watched: the arm might not rest before {exemption.until:.3f} s"
     else:

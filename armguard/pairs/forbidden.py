@@ -1,4 +1,4 @@
-"""Why contact limits forbid a contact, in numbers: for people, once the verdict has been made.
+"""Computes why contact limits forbid a contact, in figures for people, after the verdict.
 
 The stop decision asks whether a link is harmless before it can touch. Where it is not, this says of
 the first sphere that fails by how much: how fast it could be when contact is possible first, or how

@@ -1,4 +1,4 @@
-"""How far a link truly is from an obstacle: Coal on convex hulls, its answer proved.
+"""Distance of a link's true geometry from an obstacle: Coal on convex hulls, with proof.
 
 It shows closest points to observers, and is what tests compare sphere covers with. A link is the
 convex hull of its vertices (as loaded, meshes are hollow surfaces: a ball in the middle of one

@@ -1,6 +1,6 @@
-"""Pairs of link and obstacle that are not to be watched, such as a table that the arm stands on.
+"""Pairs of link and obstacle that are not watched, such as a table on which the arm stands.
 
-These are ignored as long as a monitor lives; `exemptions` has those that are for a time.
+They are ignored for the whole life of a monitor; `exemptions` are temporary.
 """
 
 from __future__ import annotations

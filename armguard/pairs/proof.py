@@ -1,4 +1,4 @@
-"""The proof behind a verdict: a certificate of the pair that decides it, and what it is about.
+"""The certificate of a verdict's deciding pair, and its inputs.
 
 A pair's contact time is the soonest of its spheres', each of which may borrow a later time from a
 sphere above it in the tree, which owns its piece as well, or from a ball that the link or the arm

@@ -1,4 +1,4 @@
-"""Whether an arm that is touched draws back from the part on a whole piece of trajectory.
+"""Tests whether a touched arm recedes from the body part on a whole piece of trajectory.
 
 A touched arm may only rest or recede. Judged by centres of spheres alone, a link that turns could
 press on with the rest of its surface. So here *no point of the arm inside a sphere* that can touch

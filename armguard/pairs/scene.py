@@ -1,4 +1,4 @@
-"""One tick as compiled code sees it: the arm, how it can move, and the obstacles, as flat arrays.
+"""The data of one tick for compiled code: arm, motion bounds and obstacles, as flat arrays.
 
 Everything here is a view on what others own and fill. A `Scene` holds for as long as none of these
 arrays is replaced, which only a growing obstacle table does.

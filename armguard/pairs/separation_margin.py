@@ -1,4 +1,4 @@
-"""How far a scene is from the protective separation distance: today's rule, beside armguard's own.
+"""The margin of a scene to the protective separation distance, for comparison.
 
 The margin of a tick is the least, over all spheres of the arm's cover and all obstacles, of
 

@@ -1,4 +1,4 @@
-"""The directions behind a proof: which of them keeps each part of a link apart from an obstacle.
+"""The directions of a proof, which separate each part of a link from an obstacle.
 
 What decides a tick keeps no directions. Here they are looked for once more, for one link and one
 state of an obstacle, and written down: down the link's tree of spheres, each by the longest

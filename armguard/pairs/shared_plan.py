@@ -1,10 +1,10 @@
-"""A plan that another arm has shared: how fast its joints can be until a time that it has named.
+"""Velocity bounds of another arm from a plan that it has shared until a stated time.
 
 An arm shares a plan by a promise: from the plan's first sample until the time `until`, it does
 nothing but follow the plan, on time or with a slowed clock, or stop, at any moment and however it
 likes: each joint by itself or on the path, to rest or until it goes on along the plan. The promise
-cannot be taken back, so nobody has to be told of its end in time: a message that comes late, or
-never, makes no bound wrong. Whoever wants to do something else waits until `until`.
+cannot be revoked, so its end need not be communicated in time: a late or lost message makes no
+bound wrong. A controller that needs another motion must wait until `until`.
 
 What all these motions have in common is a ceiling for each joint and way of turning. At a time t
 the arm has got no further along its plan than it would have on time, since no clock runs fast; so

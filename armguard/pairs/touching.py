@@ -1,4 +1,4 @@
-"""Which link a body part touches, by what was measured.
+"""Finds links that touch a body part by its measured state.
 
 A part that is touched may not be pushed along: an arm of which a link's cover meets the part's
 measured state, errors included, may only come to rest, or recede on a committed piece (`receding`).

@@ -1,4 +1,4 @@
-"""A convex region of the world, and whether obstacles surely stay in it for some time.
+"""Convex zones of the world, and proofs that obstacles stay in a zone for some time.
 
 That is what contact only within a region rests on. Wherever an arm touches an obstacle, the place
 belongs to the obstacle; so as long as all of the obstacle is in the region, whatever it does within

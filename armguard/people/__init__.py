@@ -1,14 +1,14 @@
-"""People as they are: what parts of a body can do, measured, with the share that keeps to it.
+"""Measured bounds of the parts of a person's body, with the share of samples within them.
 
-One bound for a whole person is either broken by hands or wasted on the trunk. `BOUNDS` has one for
-each part, with its percentile and its source; `find_bounds` finds it by the id of an obstacle, and
-`list_bounds` gives all of them as `Obstacles(bounds=…)` takes them. In a cell file `[bounds.of]`
-names parts by patterns of ids.
+One bound for a whole person is either too small for hands or too large for the trunk. `BOUNDS` has
+bounds of each part, with their percentile and source. `find_bounds` returns them by the id of an
+obstacle, and `list_bounds` returns all of them for `Obstacles(bounds=…)`. In a cell file,
+`[bounds.of]` names parts by patterns of ids.
 
-A `Skeleton` makes obstacles of a person's joints, as body-tracking kits find them.
+A `Skeleton` makes obstacles from a person's joints, as body-tracking kits measure them.
 
-`measure_motion` and `check_bounds` hold other recordings against them, which is needed wherever
-other people work. docs/people.md says how, and what was found.
+`measure_motion` and `check_bounds` compare further recordings with these bounds. This is necessary
+wherever other people work. docs/people.md describes the method and the results.
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,8 @@
-"""Bounds on acceleration and speed of the parts of a body, and which obstacle is which part.
+"""Bounds on acceleration and speed of body parts, and the part of an obstacle by its id.
 
-They are percentiles of what people did, no proof of what people can do: a blow, a fall or a throw
-at full strength is faster. Those of legs are assumed. Where a bound is broken the table says so and
-counts with what was seen, but what was promised until then did not hold.
+They are percentiles of observed motions, not limits of what people can do: a blow, a fall or a
+throw at full strength is faster. Those of legs are assumed. If a bound is broken, the table reports
+it and uses the observed values from then on, but earlier proofs did not hold.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ _SOURCE = (
 
 
 class PartBounds(NamedTuple):
-    """What one part of a body does at most, and how often that is true."""
+    """Bounds on the motion of one body part, and the share of samples within them."""
 
     accel: float
     """In [m]/[s]²."""
     speed: float
     """In [m]/[s]."""
     percentile: float
-    """At least so many of 100 clean samples kept to both; 0: it is assumed, not measured."""
+    """Least percentage of clean samples within both bounds; 0: assumed, not measured."""
     source: str
-    """Where that was measured."""
+    """Source of the measurement."""
 
 
 def _bound(accel: float, speed: float) -> PartBounds:
@@ -105,14 +105,14 @@ def find_bounds(id: str, patterns: Mapping[str, str] = PATTERNS) -> PartBounds |
     """Bounds of the part of a body that an obstacle's id names.
 
     Args:
-        id: Of the obstacle.
-        patterns: Parts by pattern of ids; the first pattern that fits counts.
+        id: Id of the obstacle.
+        patterns: Parts by pattern of ids; the first matching pattern counts.
 
     Returns:
-        The part's bounds; None where no pattern fits, and nothing is known.
+        The part's bounds; None if no pattern matches.
 
     Raises:
-        ArmguardError: That pattern has a part that is none of `BOUNDS`.
+        ArmguardError: That pattern has a part that is not in `BOUNDS`.
     """
     for pattern, part in patterns.items():
         if fnmatchcase(id, pattern):
@@ -121,13 +121,13 @@ def find_bounds(id: str, patterns: Mapping[str, str] = PATTERNS) -> PartBounds |
 
 
 def list_bounds(patterns: Mapping[str, str] = PATTERNS) -> list[tuple[str, float, float]]:
-    """Pattern of ids, acceleration in [m]/[s]² and speed in [m]/[s], as `Obstacles` takes them.
+    """Patterns of ids, accelerations in [m]/[s]² and speeds in [m]/[s], for `Obstacles`.
 
     Args:
         patterns: Parts by pattern of ids, in the order in which they are to be tried.
 
     Raises:
-        ArmguardError: A part is none of `BOUNDS`; the message names it and its pattern.
+        ArmguardError: A part is not in `BOUNDS`; the message names it and its pattern.
     """
     return [(pattern, *_get_part(pattern, part)[:2]) for pattern, part in patterns.items()]
 

@@ -1,13 +1,13 @@
-"""How long and how thick people are: published means, plus four standard deviations.
+"""Lengths and radii of people's body parts: published means plus four standard deviations.
 
-Every figure is made from the 4,082 men and 1,986 women of [Gordon2014]_, whose single measurements
-are public. A figure is the mean plus four standard deviations, of men or of women, whichever is
-larger. With a stated height it is that of the ratio to the person's own stature, times the height.
-These people were soldiers: fit adults. State lengths of your own where others work.
+Every figure is computed from the public measurements of 4,082 men and 1,986 women [Gordon2014]_. A
+figure is the mean plus four standard deviations, of men or of women, whichever is larger. With a
+stated height, it is this figure of the ratio to the person's stature, times the height. These
+people were soldiers: fit adults. State other lengths where other people work.
 
 Bodies are measured between marks on the skin, skeletons between the centres of joints. Each length
-is therefore one that contains the way between two centres. What a camera's joints are off from the
-centres belongs into its position error.
+therefore contains the distance between two centres. The distance of a camera's joints from the
+centres must be part of its position error.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SHORTEST = 1.3
 
 
 class Segment(NamedTuple):
-    """How far apart two points of a body are at the most."""
+    """Greatest distance of two points of a body."""
 
     length: float
     """Of anybody, in [m]."""

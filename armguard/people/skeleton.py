@@ -1,15 +1,14 @@
 """A person's joints as obstacles: balls and capsules that contain the body, and their tethers.
 
-A camera's kit tells where some joints are (`armguard.bridges.skeletons` reads them). A `Skeleton`
-makes body parts of them: hulls of joints, with a radius for flesh and clothes, the bounds and the
-region of the part, and tethers between parts. All premises are named: lengths and radii in
-`proportions`, bounds in `body_parts`.
+A body-tracking kit sends positions of some joints (`armguard.bridges.skeletons` reads them). A
+`Skeleton` makes body parts from them: hulls of joints, with a radius for flesh and clothes, the
+bounds and the region of the part, and tethers between parts. The premises are the lengths and radii
+in `proportions` and the bounds in `body_parts`.
 
-A joint that is not seen is somewhere within its segment's length of each neighbour that is seen. So
-a part of which one end is seen is sent with the other end in the middle of where it can be, and
-with a position error that reaches all of it. The table keeps what it knew before, as long as that
-is better. A part of which no end is seen is not sent: it grows, as all that is hidden does, and its
-tethers bound it.
+A hidden joint is within its segment's length of each visible neighbour. So a part with one visible
+end is sent with its other end in the middle of its possible region, and with a position error that
+covers this region. The table keeps its earlier state as long as that is more precise. A part
+without a visible end is not sent: its possible region grows with its age, and its tethers bound it.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from armguard.people.proportions import (
 Array = NDArray[np.float64]
 
 LEARNING_TIME = 2.0
-"""Samples of so long, in [s], that passed without a fault tell the lengths of bones."""
+"""Duration of samples without a fault from which lengths of bones are learned, in [s]."""
 
 LONGEST_GAP = 0.2
 """Samples farther apart than this, in [s], belong to different times of learning and moving."""
@@ -157,7 +156,7 @@ _NECK_ABOVE_COLLAR = 0.15
 
 
 class Tethered(NamedTuple):
-    """Two parts that are never farther apart than a length."""
+    """A tether between two body parts."""
 
     a: str
     b: str
@@ -168,7 +167,7 @@ class Tethered(NamedTuple):
 
 
 class Ball(NamedTuple):
-    """Where a point is: no farther from a centre than a radius."""
+    """Region of a point: within a radius around a centre."""
 
     centre: Array
     """[m]. Shape (3,)."""
@@ -177,7 +176,7 @@ class Ball(NamedTuple):
 
 
 class PartSink(Protocol):
-    """What takes obstacles: a table, or a publisher."""
+    """Receiver of obstacles: a table, or a publisher."""
 
     @property
     def update(self) -> Callable[..., object]:
@@ -186,7 +185,7 @@ class PartSink(Protocol):
 
 
 class _Sight(NamedTuple):
-    """A part of which all points were seen."""
+    """A sample of a part with all points visible."""
 
     stamp: float
     points: Array
@@ -198,14 +197,14 @@ class Skeleton:
 
     Args:
         person: Name of the person, in the ids of all parts; distinct from those of others.
-        height: Of the person with shoes, in [m]: lengths are the published ratios to it. None:
-            lengths are those of anybody.
-        learn: Whether bones' lengths are learned from samples that passed without a fault, in 2 s
-            at least. Tethers then say "learned". Only where the table itself is fed.
-        parts: Names of `PARTS` that are sent, where not all can come near the arm. None: all.
+        height: Height of the person with shoes, in [m]: lengths are the published ratios to it.
+            None: lengths cover any adult.
+        learn: Whether to learn bone lengths from samples without a fault, over at least 2 s.
+            Tethers then say "learned". Only possible with the table itself as sink.
+        parts: Names of `PARTS` to send, if not all can come near the arm. None: all.
         bounds: Acceleration and speed by part of the body.
         source: Name of the source in the table; a publisher has its own.
-        frame: In which frame joints are told.
+        frame: Frame of the joints' coordinates.
 
     Raises:
         ArmguardError: An argument is malformed; the message names it.
@@ -261,15 +260,15 @@ class Skeleton:
 
     @property
     def ids(self) -> list[str]:
-        """Ids of all parts that are sent, whether they were seen yet or not."""
+        """Ids of all parts to send, including those not seen yet."""
         return [self._name(part) for part in self._parts]
 
     @property
     def tethers(self) -> list[Tethered]:
-        """Which parts are tethered, with the lengths that count now; for a cell file as well.
+        """The tethered parts with their present lengths; also for a cell file.
 
-        A length, in whole millimetres, bounds the way from every point of one part to the hull of
-        the other's points, in both directions.
+        A length, in whole millimetres, bounds the distance from every point of one part to the hull
+        of the other's points, in both directions.
         """
         found = []
         for a, b in _TETHERS:
@@ -288,18 +287,18 @@ class Skeleton:
         joints: Mapping[str, ArrayLike],
         position_error: float,
     ) -> None:
-        """Sends the parts of which a joint was seen; with none of them, a heartbeat.
+        """Sends the parts with a visible joint; without any, a heartbeat.
 
-        Tethers are stated with the first call and where a length has changed. A publisher takes no
-        tethers: the cell file states them there, as `tethers` has them.
+        Tethers are stated with the first call and after changes of lengths. A publisher cannot send
+        tethers: the cell file must state them, as listed by `tethers`.
 
         Args:
             sink: The table of obstacles, or a publisher.
-            stamp: When the joints were seen, in [s].
-            joints: Positions by name of those that were seen, in [m]; what is not among them, or is
-                not finite, is hidden. Names are those of `armguard.bridges.skeletons`; others are
-                passed over. Shape (3,) each.
-            position_error: What each joint may be off from the centre of the body's own joint, in
+            stamp: Time of measurement of the joints, in [s].
+            joints: Positions of visible joints by name, in [m]; a joint that is missing or not
+                finite is hidden. Names are those of `armguard.bridges.skeletons`; others are
+                ignored. Shape (3,) each.
+            position_error: Greatest distance of each joint from the centre of the body's joint, in
                 [m].
 
         Raises:
@@ -326,13 +325,13 @@ class Skeleton:
             self._learn_lengths(stamp, seen, table.fault_count > faults)
 
     def remove(self, table: Obstacles) -> None:
-        """Takes a person who has left out of the table, with all tethers.
+        """Removes a person who has left from the table, with all tethers.
 
-        No camera says that somebody has left: what it does not see may be hidden. So the
-        application decides, for instance where the person was last seen at a door.
+        A camera cannot detect that a person has left, since an unseen person may be hidden. So the
+        application must decide, for instance if the person was last seen at a door.
 
         Args:
-            table: To which the person was sent.
+            table: Table to which the person was sent.
         """
         known = set(table.ids)
         table.remove([id for id in self.ids if id in known])
@@ -348,7 +347,7 @@ class Skeleton:
     def _send(
         self, sink: PartSink, stamp: float, seen: Mapping[str, Ball], places: Mapping[str, Ball]
     ) -> None:
-        """The parts that have a seen end, in one call for each number of points."""
+        """Send the parts with a visible end, in one call for each number of points."""
         groups: dict[tuple[int, bool], list[str]] = {}
         for name, part in self._parts.items():
             if any(point in seen for point in part.points) and all(

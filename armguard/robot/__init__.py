@@ -1,6 +1,6 @@
-"""The arm: its description and geometry, where it is, and which states are believed.
+"""The arm: its description, geometry and kinematics, and the check of joint states.
 
-Nothing here knows of obstacles.
+This package does not depend on obstacles.
 """
 
 from armguard.cover.triangulation import triangulate

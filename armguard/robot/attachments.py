@@ -1,7 +1,7 @@
 """Tools and held parts: geometry that a user fixes to a link, as triangles in its joint's frame.
 
-They come from programs and cell files instead of a checked URDF, so everything about them is
-checked here: kind, sizes, placement, and that metres were meant.
+They come from programs and cell files instead of a checked URDF. So this module checks kind, sizes,
+placement, and that sizes are plausible in metres.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class AttachedBody:
     """One attached body, as something with links and surfaces that a cover can be fitted to.
 
     Args:
-        name: What it is to be called.
+        name: Name of the body.
         geometry: A Coal shape or mesh, or triangles in [m] of shape (n, 3, 3).
         placement: In the frame of the joint that moves it: `pinocchio.SE3` or a homogeneous matrix
             of shape (4, 4); None: the frame itself.

@@ -1,12 +1,12 @@
-"""What is known of a robot's brakes, by load and speed, as makers publish it.
+"""The brakes of a robot, by load and speed, as manufacturers publish them.
 
-ISO 10218-1, annex B, has makers state for several loads and speeds how long a joint takes to stop
-and how far it goes meanwhile. Such an entry says nothing of each instant, so all that follows from
-it for a joint that is no faster than its speed is: from the moment on at which the brakes bite the
-joint gets no faster, does not turn round, has gone no further than the distance, and rests after
-the time. Where somebody guarantees more, a deceleration at each instant, the entry says that as
-well; each is a proof by itself. Where a load or a speed lies between two entries, the next one up
-counts: a heavier arm, or a faster one, stops no sooner.
+ISO 10218-1, annex B, requires manufacturers to state stopping time and stopping distance of a joint
+for several loads and speeds. Such an entry does not state the deceleration at each instant. For a
+joint up to the entry's speed it implies only: after the brakes engage, the joint gets no faster,
+does not reverse, moves no farther than the distance, and is at rest after the time. An entry can
+also state a deceleration that is guaranteed at each instant; each of the two is a proof by itself.
+For a load or a speed between two entries, the next higher entry counts: a heavier or faster arm
+stops no sooner.
 """
 
 from __future__ import annotations
@@ -34,23 +34,24 @@ RANGE_REMEDY = (
 
 
 class BrakeRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`[[brakes]]`: what brakes do under one load, from one speed of each joint that it names.
+    """`[[brakes]]`: the braking of the named joints under one load, from one speed.
 
-    It is about the joints that its mappings name, or about all where each value is one number.
+    It applies to the joints that its mappings name, or to all joints if each value is one number.
     """
 
     load: float
-    """Up to which it holds, in [kg]."""
+    """Greatest load for which it holds, in [kg]."""
     speed: Amounts
-    """Up to which it holds, in [rad]/[s] or [m]/[s]."""
+    """Greatest speed for which it holds, in [rad]/[s] or [m]/[s]."""
     stopping_time: Amounts | None = None
-    """From the bite of the brakes until the joint rests, at most, in [s]."""
+    """Longest time from engaged brakes until the joint is at rest, in [s]."""
     stopping_distance: Amounts | None = None
-    """How far it goes meanwhile, at most, in [rad] or [m]."""
+    """Greatest distance in this time, in [rad] or [m]."""
     deceleration: Amounts | None = None
-    """Guaranteed at each instant until it rests, in [rad]/[s²] or [m]/[s²]."""
+    """Deceleration that is guaranteed at each instant until the joint is at rest, in [rad]/[s²] or
+    [m]/[s²]."""
     source: str = ""
-    """Where it comes from; empty: where the braking of its joints does."""
+    """Source of the row; empty: the source of its joints' braking."""
 
 
 class BrakeEntry(NamedTuple):
@@ -68,7 +69,7 @@ class BrakeEntry(NamedTuple):
 
 
 class BrakeCurves(NamedTuple):
-    """What brakes do under one payload, for compiled code: each of shape (nv, steps).
+    """Braking under one payload, for compiled code: each of shape (nv, steps).
 
     The columns of a joint rise in speed; those that it does not need repeat its last.
     """
@@ -78,7 +79,7 @@ class BrakeCurves(NamedTuple):
     deceleration: FloatArray
     """Guaranteed at each instant, in [rad]/[s²] or [m]/[s²]; 0 where none is."""
     time: FloatArray
-    """From the bite of the brakes until rest, in [s]; inf where none is stated."""
+    """Time from engaged brakes until rest, in [s]; inf where none is stated."""
     distance: FloatArray
     """How far it is from there to rest, in [rad] or [m]; inf where none is stated."""
 
@@ -96,10 +97,10 @@ class Stop(NamedTuple):
 
 @kernel
 def find_stop(brakes: BrakeCurves, joint: int, speed: float) -> Stop:
-    """How a joint stops from a speed of at most `speed`, by the next entry up.
+    """The stop of a joint from a speed of at most `speed`, by the next higher entry.
 
-    Beyond the range of its brakes nothing is known: the last entry stands in, so that what is
-    computed with it stays finite, and proves nothing. `compute_stop_time` tells.
+    Beyond the range of its brakes nothing is known. The last entry is returned then, so that
+    results stay finite, but they prove nothing. `compute_stop_time` reports this case.
     """
     last = brakes.speed.shape[1] - 1
     step = 0
@@ -112,7 +113,7 @@ def find_stop(brakes: BrakeCurves, joint: int, speed: float) -> Stop:
 
 @kernel
 def rest_time(stop: Stop, speed: float) -> float:
-    """Time in which a joint that brakes from at most `speed` surely rests, in [s]."""
+    """Upper bound on the time until a joint that brakes from at most `speed` is at rest, in [s]."""
     if not speed > 0.0:
         return 0.0
     if stop.deceleration > 0.0:
@@ -122,15 +123,16 @@ def rest_time(stop: Stop, speed: float) -> float:
 
 @kernel
 def braked_displacement(speed: float, stop: Stop, s: float) -> float:
-    """How far a joint has gone at most `s` >= 0 seconds after its brakes bit, rounded up.
+    """Greatest displacement of a joint `s` >= 0 seconds after its brakes engaged, rounded up.
 
-    The one bound on a joint that brakes, for all that bounds a braking arm. It is the least of what
-    the entry's two halves allow, and falls with neither time nor speed, rounding apart.
+    All bounds on a braking arm use this one bound on a braking joint. It is the lesser of the
+    bounds by stopping distance and by deceleration, and never decreases with time or speed, apart
+    from rounding.
 
     Args:
-        speed: At the bite, at most, in [rad]/[s] or [m]/[s]; >= 0.
+        speed: Greatest speed when brakes engage, in [rad]/[s] or [m]/[s]; >= 0.
         stop: How it stops from that speed.
-        s: Time since the bite, in [s].
+        s: Time since the brakes engaged, in [s].
     """
     moving = min(s, stop.time)
     distance = min(speed * moving, stop.distance)
@@ -167,15 +169,15 @@ def scale_within_range(
 ) -> float:
     """The greatest fraction of their velocities at which brakes are stated for all joints.
 
-    A joint that keeps to it, and speeds up from there until its brakes bite, is within their range
-    even then.
+    A joint below this fraction that accelerates until its brakes engage is still within their
+    range.
 
     Args:
         brakes: How joints stop.
-        velocity: What joints keep to, in [rad]/[s] or [m]/[s]. Shape (nv,).
+        velocity: Operating velocities of the joints, in [rad]/[s] or [m]/[s]. Shape (nv,).
         velocity_error: What measured velocities may be off by. Shape (nv,).
-        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
-        delay: From a joint state until brakes bite, in [s].
+        acceleration: Operating accelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
+        delay: Time from a joint state until brakes engage, in [s].
     """
     scale = 1.0
     last = brakes.speed.shape[1] - 1
@@ -224,7 +226,7 @@ class Brakes:
     """
 
     def __init__(self, joints: Sequence[str], entries: Mapping[str, Sequence[BrakeEntry]]) -> None:
-        """Take entries that `check_entries` has passed."""
+        """Store entries that `check_entries` has accepted."""
         self.joints = tuple(joints)
         self.entries = {joint: tuple(sorted(entries[joint])) for joint in self.joints}
         self.most_payload = min(max(one.load for one in row) for row in self.entries.values())

@@ -1,8 +1,8 @@
-"""What a robot.toml says: the watched joints, every limit with its source, the locked joints.
+"""The content of a robot.toml: watched joints, every limit with its source, locked joints.
 
-URDF files carry neither accelerations nor guaranteed decelerations, and often infinite or missing
-limits, so every limit is named here, with where it comes from. Parsing is strict: an unknown key,
-a missing limit or one that is not finite is refused by name.
+URDF files have no accelerations and no guaranteed decelerations, and often infinite or missing
+limits. So a robot.toml states every limit with its source. Parsing is strict: an unknown key, a
+missing limit or an infinite one is refused by name.
 """
 
 from __future__ import annotations
@@ -30,124 +30,127 @@ LIMITS = ("position", "velocity", "acceleration", "braking")
 
 
 class LimitSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where each kind of limit comes from; the robot's, or one joint's own where it differs."""
+    """Source of each kind of limit: of the whole robot, or of one joint if it differs."""
 
     position: str = ""
-    """Of the position limits; needed for every joint that has them."""
+    """Source of the position limits; required for every joint with such limits."""
     velocity: str = ""
-    """Of the velocity limits; needed for every joint."""
+    """Source of the velocity limits; required for every joint."""
     acceleration: str = ""
-    """Of the acceleration limits; needed for every joint."""
+    """Source of the acceleration limits; required for every joint."""
     braking: str = ""
-    """Of the rows of `[[brakes]]` that name no source of their own."""
+    """Source of the rows of `[[brakes]]` without their own source."""
 
 
 class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of one watched joint, in [rad] or [m], [s]; `position` is absent if continuous."""
 
     velocity: float
-    """No joint is ever faster, in [rad/s] or [m/s]."""
+    """Greatest velocity in every mode, in [rad/s] or [m/s]."""
     acceleration: float
-    """It never speeds up or slows down harder, emergency stops included, in [rad/s²] or [m/s²]."""
+    """Greatest acceleration and deceleration, also in emergency stops, in [rad/s²] or [m/s²]."""
     braking: float | None = None
     """Refused by name: a deceleration without the load and speed up to which it holds."""
     position: tuple[float, float] | None = None
     """Lowest and highest position, in [rad] or [m]; absent for a continuous joint, and only there.
     """
     position_error: float = 1e-3
-    """What a measured position may be off by, in [rad] or [m]."""
+    """Greatest error of a measured position, in [rad] or [m]."""
     velocity_error: float = 0.02
-    """What a measured velocity may be off by, in [rad/s] or [m/s]."""
+    """Greatest error of a measured velocity, in [rad/s] or [m/s]."""
     sources: LimitSources = LimitSources()
-    """Where its own limits come from, where `[sources]` says something else."""
+    """Sources of its own limits, if they differ from `[sources]`."""
 
 
 class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """An unwatched joint beyond or before a watched one.
+    """A joint that is not watched, but carries a watched one or is carried by it.
 
-    Either it rests at `position`, or it may be anywhere in `travel`, in [rad] or [m], and its links
-    are taken as all that they can reach. A joint with travel may be one that the URDF draws fixed.
+    It either stays at `position`, or can be anywhere in `travel`, in [rad] or [m]; then its links
+    count as everything that they can reach. A joint with travel can be fixed in the URDF.
     """
 
     position: float | None = None
-    """Where it rests, in [rad] or [m]."""
+    """Position at which it stays, in [rad] or [m]."""
     travel: tuple[float, float] | None = None
-    """Between where it may be, in [rad] or [m]; at most one turn, and it carries no watched joint.
+    """Range of its positions, in [rad] or [m]; at most one turn, and it must not carry a watched
+    joint.
     """
 
 
 class OperatingSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Where published operating limits come from."""
+    """Sources of published operating limits."""
 
     velocity: str
-    """Of the operating velocities."""
+    """Source of the operating velocities."""
     acceleration: str
-    """Of the operating accelerations."""
+    """Source of the operating accelerations."""
 
 
 class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What those who make or drive a robot publish of what its controller keeps to at work.
+    """Operating limits of the controller, as manufacturers or driver authors publish them.
 
-    By joint, in [rad]/[s] and [rad]/[s²], or [m]/[s] and [m]/[s²]. No limits of the hardware: an
-    emergency may exceed them, and so may a controller that is configured otherwise.
+    By joint, in [rad]/[s] and [rad]/[s²], or [m]/[s] and [m]/[s²]. They are not limits of the
+    hardware: an emergency stop can exceed them, and so can a controller with another configuration.
     """
 
     sources: OperatingSources
-    """Where they come from."""
+    """Their sources."""
     velocity: dict[str, float]
-    """Of every joint of `[joints]`, at most its velocity limit, in [rad/s] or [m/s]."""
+    """Operating velocity of every joint of `[joints]`, at most its velocity limit, in [rad/s] or
+    [m/s]."""
     acceleration: dict[str, float]
-    """Of every joint, at most its acceleration limit, in [rad/s²] or [m/s²]."""
+    """Operating acceleration of every joint, at most its acceleration limit, in [rad/s²] or
+    [m/s²]."""
 
 
 class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """`[operating]`: what is known of a robot at work."""
+    """`[operating]`: published operating limits of a robot."""
 
     published: OperatingDescription | None = None
-    """What is published of it; counts only for those who ask for it."""
+    """The published limits; used only on request."""
 
 
 class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A parsed and checked robot.toml."""
 
     sources: LimitSources
-    """Where the limits of all joints come from."""
+    """Sources of the limits of all joints."""
     joints: dict[str, JointDescription]
     """The watched joints, by their names in the URDF."""
     brakes: tuple[BrakeRow, ...] = ()
-    """What is known of their brakes; every joint needs a row."""
+    """Braking of the joints; every joint needs a row."""
     title: str = ""
-    """The robot's name for people."""
+    """Display name of the robot."""
     urdf: str = ""
-    """The URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/` of the
-    package example-robot-data; left out where the caller brings it.
+    """Path of the URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/`
+    of the package example-robot-data; absent if the caller gives it.
     """
     package_dirs: tuple[str, ...] = ()
     """Folders in which `package://` names are looked up, relative to the folder of robot.toml;
-    those around the URDF need not be named.
+    folders around the URDF need not be named.
     """
     locked: dict[str, LockedJoint] = {}
     """Joints that are not watched, and carry a watched one or are carried by it."""
     bare_links: tuple[str, ...] = ()
-    """Links that are drawn and move, have no collision geometry, and may go uncovered."""
+    """Moving links with visual but no collision geometry that may stay without a cover."""
     collision_from_visual: tuple[str, ...] = ()
-    """Links whose drawn geometry is taken as their collision geometry, of which they have none."""
+    """Links without collision geometry whose visual geometry is used instead."""
     operating: OperatingTable = OperatingTable()
-    """What its controller keeps to at work, as far as that is known."""
+    """Operating limits of its controller, as far as they are published."""
 
     @property
     def travelling(self) -> list[str]:
-        """The locked joints that may be anywhere in their travel."""
+        """The locked joints that can be anywhere in their travel."""
         return [name for name, entry in self.locked.items() if entry.travel is not None]
 
     def source(self, joint: str, limit: str) -> str:
-        """Where one limit of one joint comes from."""
+        """Source of one limit of one joint."""
         own: str = getattr(self.joints[joint].sources, limit)
         general: str = getattr(self.sources, limit)
         return own or general
 
     def brake_entries(self, place: str = "limits") -> dict[str, list[BrakeEntry]]:
-        """What is known of each joint's brakes, checked.
+        """The braking entries of each joint, checked.
 
         Args:
             place: What to call the file in errors.
@@ -205,7 +208,7 @@ def _to_builtin(value: object) -> object:
 
 
 def robots_directory() -> Path:
-    """The folder of known robots: inside the package in a wheel, beside it in a checkout."""
+    """The folder of known robots: inside the package in a wheel, next to it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for directory in (package / "robots", package.parent / "robots"):
         if directory.is_dir():

@@ -1,9 +1,9 @@
-"""What an arm's motors could do at most, and surely can, by the efforts and inertias of its URDF.
+"""Estimates an arm's greatest accelerations and least decelerations from its URDF's efforts.
 
-Makers seldom publish accelerations that hold in every mode, or what brakes hold under load. Efforts
-and inertias bound both, coarsely: in small joints the drive's own inertia, which nobody publishes
-and no URDF has, is most of what is moved. Both figures come from samples and prove nothing, so
-whoever takes them leaves a margin and says where they are from.
+Manufacturers seldom publish accelerations that hold in every mode, or braking under load. Efforts
+and inertias give coarse estimates of both. In small joints the drive's own inertia dominates, which
+is not published and in no URDF. Both figures come from samples and prove nothing, so a margin must
+be added and the source must be stated.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Whether a joint state is believed, in compiled code.
+"""Decides in compiled code whether a joint state is believed.
 
-One function decides, for every state of every tick. It answers with a code and a joint; words are
-made of them in `monitor`, where the code says that the state is refused. Nothing but scratch
-is written before a state is believed, so what others read is always what was believed last.
+One function decides about every state of every tick. It returns a code and a joint; `monitor`
+converts them to words if the state is refused. Only scratch memory is written before a state is
+believed, so other code always reads the last believed state.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Guard(NamedTuple):
 def accept(
     guard: Guard, stamp: float, q_given: FloatArray, v_given: FloatArray, now: float
 ) -> tuple[int, int, float, float]:
-    """Take a state if there is nothing to be said against it.
+    """Accept a state if no test fails.
 
     Positions of continuous joints are taken whole turns nearest to the last believed ones, so that
     a driver that wraps is believed; see `turns` for why that is sound. The first state after a

@@ -1,4 +1,4 @@
-"""Is a new joint state inside what all states before it allow?
+"""Tests whether a new joint state is within what all earlier states allow.
 
 A state must agree with every earlier one: v - dv <= v_k + dv + A (s - s_k) and its mirror image, q
 in the same way with the speed limit, and the quadratic test against the state before and a few

@@ -1,9 +1,9 @@
-"""Which joint states are believed.
+"""Decides which joint states are believed.
 
-A state is believed when it is well formed, inside the robot's limits and errors, fresh, and
-reachable from every state believed before. The first that is not latches a STOP: a robot that
-reports the impossible is a robot about which nothing is known. `joint_acceptance` decides, and
-answers with a code, a joint and numbers; `armguard.monitor.joint_reasons` makes words of them.
+A state is believed if it is well formed, within the robot's limits and errors, fresh, and reachable
+from every state believed before. The first state that is not latches a STOP: if a robot reports an
+impossible state, nothing is known about it. `joint_acceptance` decides, and answers with a code, a
+joint and numbers; `armguard.monitor.joint_reasons` makes words of them.
 """
 
 from __future__ import annotations

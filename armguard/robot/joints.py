@@ -1,8 +1,8 @@
-"""Which joints and links are watched, and the model that is left when others are locked.
+"""Selects the watched joints and links, and locks all other joints of the model.
 
-A joint that is neither watched nor locked by name must have nothing to do with a watched one: not
-carry it, not be carried by it, not mimic it or be mimicked. And a link that is drawn and moves,
-but has no collision geometry, would never be seen to touch anything: it must be named as well.
+A joint that is neither watched nor locked by name must be independent of all watched joints: it
+must not carry one, be carried by one, mimic one or be mimicked by one. A moving link with visual
+but without collision geometry could never be found in contact, so it must be named as well.
 """
 
 from __future__ import annotations

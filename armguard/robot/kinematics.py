@@ -1,4 +1,4 @@
-"""Where the arm's spheres are and how fast they move: Pinocchio's results, read in place.
+"""Positions and velocities of the arm's spheres, from Pinocchio's results read in place.
 
 One call of Pinocchio places all joints and fills the Jacobian; the rest is compiled.
 `pinocchio.Data` keeps the placements of all joints in a C++ vector, which a strided NumPy view

@@ -1,8 +1,8 @@
-"""Links' surfaces, each in the frame of the joint that carries it.
+"""Surfaces of links, each in the frame of the joint that carries it.
 
-Links behind a locked joint are carried along at its position. Where a locked joint may be anywhere
-in its travel (fingers, a head), its links are taken as all that they can reach: the hull of both
-ends of a slide, and of polygons drawn around the arcs of a turn.
+Links behind a locked joint are placed at its position. If a locked joint can be anywhere in its
+travel (fingers, a head), its links count as everything that they can reach: the hull of both ends
+of a slide, or of polygons around the arcs of a turn.
 
 `UrdfLinks` are the links of a URDF where only their geometry matters. A cover needs no limits, and
 a URDF without them is no `Robot` yet. So every joint counts as one that moves there: fingers have

@@ -1,4 +1,4 @@
-"""Reads the file of a robot's model, a URDF or an MJCF, which its root element tells apart."""
+"""Reads a robot's model from a URDF or an MJCF, which differ in their root element."""
 
 from __future__ import annotations
 

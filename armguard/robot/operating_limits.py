@@ -1,10 +1,10 @@
-"""Operating limits: what a controller keeps to while the arm works, far below what it could do.
+"""Operating limits: velocities and accelerations that the controller enforces while it works.
 
-The hardware's limits are what an emergency may do. Where the user states operating limits, a joint
-speeds up by no more than the operating acceleration and to no more than the operating velocity; it
-slows down by as much as its acceleration limit. They are a premise that the controller enforces;
-`armguard.bounds.operating_history` finds a broken one, late, and until it has been kept for a while
-again the hardware's limits are in force.
+The hardware's limits hold also in emergencies. With operating limits, a joint accelerates at most
+at the operating acceleration and up to the operating velocity; it decelerates at most at its
+acceleration limit. They are a premise, which the controller must enforce.
+`armguard.bounds.operating_history` detects a violation with some delay. After a violation, the
+hardware's limits are in force until the operating limits have been kept for a while.
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from armguard.jit.arrays import FloatArray
 from armguard.robot.robot import Robot
 
 PUBLISHED = "published"
-"""Instead of limits: those that the robot's description has from published sources."""
+"""Instead of limits: the published ones of the robot's description."""
 
 
 class OperatingLimits:
-    """What joints keep to while the arm works; one that is left out is the hardware's.
+    """Operating limits of the joints; a limit that is left out is the hardware's.
 
     Attributes:
-        velocity: In [rad]/[s] or [m]/[s]. One number, shape (nv,), or None: the velocity limits.
-        acceleration: With which joints speed up, in [rad]/[s²] or [m]/[s²]; they may slow down by
-            as much as the robot's acceleration limits. One number, shape (nv,), or None.
+        velocity: Operating velocities in [rad]/[s] or [m]/[s]. One number, shape (nv,), or None:
+            the velocity limits.
+        acceleration: Greatest acceleration when joints get faster, in [rad]/[s²] or [m]/[s²].
+            Deceleration is only limited by the robot's acceleration limits. One number, shape
+            (nv,), or None.
     """
 
     def __init__(
@@ -39,10 +41,10 @@ class OperatingLimits:
 
         Args:
             velocity: One number for all joints or one for each, in [rad]/[s] or [m]/[s].
-            acceleration: Alike, in [rad]/[s²] or [m]/[s²].
+            acceleration: The same for accelerations, in [rad]/[s²] or [m]/[s²].
 
         Raises:
-            ArmguardError: Neither is given, or one is not finite, not positive, or no number.
+            ArmguardError: Neither is given, or one is not a finite number above 0.
         """
         if velocity is None and acceleration is None:
             raise ArmguardError(
@@ -60,12 +62,12 @@ class OperatingLimits:
         """Operating limits that are fractions of the robot's, the same for all joints.
 
         Args:
-            robot: Whose limits.
-            velocity: Of its velocity limits, in (0, 1].
-            acceleration: Of its acceleration limits, in (0, 1].
+            robot: The robot whose limits are used.
+            velocity: Fraction of its velocity limits, in (0, 1].
+            acceleration: Fraction of its acceleration limits, in (0, 1].
 
         Raises:
-            ArmguardError: A fraction is no number above 0 and up to 1.
+            ArmguardError: A fraction is not a number above 0 and at most 1.
         """
         limits = []
         for name, fraction, hardware in (
@@ -82,7 +84,7 @@ class OperatingLimits:
 
     @classmethod
     def published(cls, robot: Robot) -> OperatingLimits:
-        """The operating limits that the robot's description has from published sources.
+        """The published operating limits of the robot's description.
 
         Raises:
             ArmguardError: It has none.
@@ -97,7 +99,7 @@ class OperatingLimits:
         return cls(found.velocity, found.acceleration)
 
     def resolve(self, robot: Robot) -> tuple[FloatArray, FloatArray]:
-        """Velocity and acceleration of each joint, as arrays of their own. Shape (nv,) each.
+        """Velocity and acceleration of each joint, as new arrays. Shape (nv,) each.
 
         Raises:
             ArmguardError: There is not one for each joint, or one is above the robot's limit.
@@ -111,7 +113,7 @@ class OperatingLimits:
 
 
 class LimitsInForce:
-    """What every bound on the arm's motion counts with now; its arrays are written in place.
+    """The limits and brakes that all bounds on the arm's motion use now; written in place.
 
     Attributes:
         velocity: In [rad]/[s] or [m]/[s]. Shape (nv,).
@@ -119,7 +121,7 @@ class LimitsInForce:
         operating_velocity: What `velocity` is while the operating limits are in force. (nv,).
         operating_acceleration: What `acceleration` is then. (nv,).
         brakes: How joints stop under the payload, by speed.
-        payload: What the arm carries at most, in [kg].
+        payload: Greatest payload, in [kg].
         is_suspended: Whether the hardware's limits are in force instead of the operating ones.
         revision: How often any of this has changed.
     """
@@ -130,7 +132,7 @@ class LimitsInForce:
         operating: OperatingLimits | str | None,
         payload: float | None = None,
     ) -> None:
-        """The operating limits, or the robot's own where there are none, are in force.
+        """Put the operating limits in force, or the robot's own if there are none.
 
         Args:
             robot: Whose limits and brakes.

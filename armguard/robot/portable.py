@@ -1,4 +1,4 @@
-"""A robot as plain data, and back: what a recording keeps, so that it needs no other file.
+"""Converts a robot to plain data and back, so that a recording needs no other file.
 
 Everything that a monitor counts with is there to the bit: joints and their placements, limits and
 errors as they were when the data were taken, brakes, links and covers. Surfaces are not, except for

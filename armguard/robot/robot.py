@@ -1,9 +1,9 @@
-"""`Robot`: the arm that is watched, as Pinocchio's model, limits with sources, links and cover.
+"""`Robot`: the watched arm, with Pinocchio's model, limits with sources, links and cover.
 
-Pink and mink take the model as it was loaded; here it is reduced to the watched joints, one
-number each, so that nq = nv and public arrays have one value a joint. Whatever is not watched is
-locked, by name, and fingers that may be anywhere in their travel are taken as all they can reach.
-A robot that lacks a limit, a mesh or a link's geometry is refused: nothing vanishes quietly.
+Pink and mink use the model as it was loaded. Here it is reduced to the watched joints with one
+number each, so that nq = nv and public arrays have one value per joint. All other joints are locked
+by name; fingers that can be anywhere in their travel count as everything that they can reach. A
+robot without a limit, a mesh or a link's geometry is refused: nothing vanishes quietly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from armguard.robot.attachments import PreparedBody
 
 SPHERES = 12
-"""At most so many for an attached body: fitting must be quick more than tight."""
+"""Greatest number of spheres of an attached body; few, so that fitting is quick."""
 
 
 # Of all robots, since a lock of its own would keep a robot from being copied and pickled.
@@ -52,18 +52,19 @@ _CHANGE = threading.Lock()
 
 
 class PublishedLimits(NamedTuple):
-    """What is published of what a robot's controller keeps to while it moves.
+    """Published operating limits of a robot's controller.
 
-    They hold for controllers that are set up as the source says, and for these only. None of an
-    arm's bounds rests on them unless a user states that they are kept to.
+    They hold only for controllers that are configured as the source says. No bound uses them unless
+    the user states that the controller enforces them.
     """
 
     velocity: FloatArray
-    """At most the robot's, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
+    """Operating velocities, at most the robot's limits, in [rad]/[s] or [m]/[s]. Shape (nv,)."""
     acceleration: FloatArray
-    """At most the robot's, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
+    """Operating accelerations, at most the robot's limits, in [rad]/[s²] or [m]/[s²]. Shape
+    (nv,)."""
     source: str
-    """Where both come from; "CHOSEN" marks a figure that is published nowhere."""
+    """Sources of both; "CHOSEN" marks a figure that is not published."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,30 +93,30 @@ class _Bodies(NamedTuple):
 
 
 class Robot:
-    """An arm and what is known about it.
+    """An arm with its joints, limits, brakes, links and cover.
 
     Made by `Robot.load`, `Robot.from_urdf` or `Robot.from_mjcf`.
 
     All limits are read-only arrays of shape (nv,), in the order of `joints`.
 
     Attributes:
-        name: Its name in `robots/`, or the name of the file it was read from.
+        name: Its name in `robots/`, or the name of its file.
         model: `pinocchio.Model` reduced to the watched joints: nq = nv.
         collision_model: `pinocchio.GeometryModel` of it, geometry as read.
         joints: Names of the watched joints, in model order.
         cover: A tree of spheres for each link, proved to contain it.
-        velocity_limit: In [rad]/[s] or [m]/[s].
-        acceleration_limit: Holds in every mode, emergency brakes included, in [rad]/[s²] or
-            [m]/[s²].
-        brakes: What is known of its brakes, by load and speed.
-        lower_position_limit: In [rad] or [m]; -inf for a continuous joint.
-        upper_position_limit: In [rad] or [m]; inf for a continuous joint.
-        position_error: What a measured position may be off by, in [rad] or [m].
-        velocity_error: What a measured velocity may be off by, in [rad]/[s] or [m]/[s].
-        published_operating_limits: What is published of what its controller keeps to while it
-            moves; None where its robot.toml or limits say nothing of it.
-        drawn_links: Names of the links that are only drawn, without collision geometry: they are
-            neither watched nor an obstacle for another arm.
+        velocity_limit: Velocity limits in [rad]/[s] or [m]/[s].
+        acceleration_limit: Acceleration limits that hold in every mode, including emergency brakes,
+            in [rad]/[s²] or [m]/[s²].
+        brakes: Its brakes, by load and speed.
+        lower_position_limit: Lower position limits in [rad] or [m]; -inf for a continuous joint.
+        upper_position_limit: Upper position limits in [rad] or [m]; inf for a continuous joint.
+        position_error: Greatest errors of measured positions, in [rad] or [m].
+        velocity_error: Greatest errors of measured velocities, in [rad]/[s] or [m]/[s].
+        published_operating_limits: Published operating limits of its controller; None if its
+            robot.toml has none.
+        drawn_links: Names of the links with visual but without collision geometry: they are not
+            watched, and are not an obstacle for another arm.
     """
 
     cover: Cover
@@ -173,21 +174,20 @@ class Robot:
         cover: str | Path | None = None,
         level: int | None = None,
     ) -> Robot:
-        """Load a robot that armguard knows, or one of your own, with the cover proved for it.
+        """Load a known robot, or one of your own, with its proved cover.
 
         Args:
-            name: One of those that `armguard robots` lists, or a folder that `armguard robot new`
-                has written; a folder that has the name of a known robot is meant by "./name".
-            joints: Which of its joints are watched, by name or by pattern as in `fnmatch`: of a
-                robot with two arms those of one, such as `["left_*"]`. None: all.
-            cover: A file that `Cover.save` or `armguard cover` wrote, in place of the robot's own;
-                it is proved again.
-            level: Of the cover's tree, the finest to be used, from 0, one ball a link; fewer
-                spheres are cheaper, and more cautious. None: all levels.
+            name: A name that `armguard robots` lists, or a folder that `armguard robot new` wrote.
+                Write "./name" for a folder with the name of a known robot.
+            joints: Joints to watch, by name or by pattern as in `fnmatch`, such as `["left_*"]` for
+                one arm of a robot with two arms. None: all.
+            cover: A file that `Cover.save` or `armguard cover` wrote, which replaces the robot's
+                own cover; it is proved again.
+            level: Finest level of the cover's tree to use, from 0, one ball per link. Fewer spheres
+                need less time, and give more cautious verdicts. None: all levels.
 
         Raises:
-            RobotError: There is no such robot, its files are unusable, or a joint or a pattern is
-                none of its.
+            RobotError: There is no such robot, its files are unusable, or it has no such joint.
             CoverError: Its cover is damaged, was made for other geometry, does not cover it, or has
                 no such level.
         """
@@ -219,17 +219,16 @@ class Robot:
         cover: str | Path | None = None,
         level: int | None = None,
     ) -> Robot:
-        """Load a robot from files of your own.
+        """Load a robot from its own files.
 
         Args:
-            path: Its URDF; an MJCF is taken as well, as by `from_mjcf`.
+            path: Its URDF, or an MJCF as for `from_mjcf`.
             limits: A robot.toml, or a mapping of the same form.
             joints: The joints to watch; None: all that `limits` names.
             package_dirs: Folders in which `package://` mesh names are looked up.
-            cover: A file that `Cover.save` wrote, which is proved again; None: one is fitted,
-                which takes seconds a link; a terminal shows how far it is, as where kernels are
-                compiled.
-            level: Of the cover's tree, as `load` takes it.
+            cover: A file that `Cover.save` wrote, which is proved again. None: a cover is fitted,
+                which takes seconds per link; a terminal shows the progress.
+            level: Finest level of the cover's tree, as for `load`.
 
         Raises:
             RobotError: A joint, a limit or a mesh is missing or unusable; the message names it.
@@ -263,12 +262,12 @@ class Robot:
         Its links are the bodies of the file. Names of included files and meshes are relative to it.
 
         Args:
-            path: The file, of the arm alone: no moving base, no floor.
-            limits: A robot.toml, or a mapping of the same form. The format has no velocities, so
-                this is where they come from, and position limits too.
-            joints: As for `from_urdf`, and so are the others.
+            path: The file; it must contain the arm alone, without moving base and floor.
+            limits: A robot.toml, or a mapping of the same form. It must state velocity and position
+                limits, since the format has no velocity limits.
+            joints: As for `from_urdf`; the further arguments too.
             cover: A file that `Cover.save` wrote.
-            level: Of the cover's tree.
+            level: Finest level of the cover's tree.
 
         Raises:
             RobotError: As for `from_urdf`; or something in the file is not supported.
@@ -278,11 +277,11 @@ class Robot:
 
     @property
     def braking_deceleration(self) -> FloatArray:
-        """Guaranteed at each instant under the heaviest load, at the lowest speeds of `brakes`.
+        """Deceleration guaranteed at each instant, by the heaviest load and the lowest speed.
 
-        In [rad]/[s²] or [m]/[s²]; 0 for a joint of whose brakes times and distances are known
-        alone. How it falls with speed and rises with less load is in `brakes`. What is assigned
-        counts for all loads and speeds. Shape (nv,).
+        In [rad]/[s²] or [m]/[s²]; 0 for a joint whose brakes are stated by times and distances
+        only. `brakes` has the dependence on speed and load. An assigned value holds for all loads
+        and speeds. Shape (nv,).
         """
         return _read_only(self.brakes.make_curves().deceleration[:, 0])
 
@@ -292,12 +291,12 @@ class Robot:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Names of the URDF bodies with geometry that a watched joint moves; attached ones last."""
+        """Names of the links with geometry that a watched joint moves; attached ones last."""
         return tuple(self._bodies.links)
 
     @property
     def revision(self) -> int:
-        """How often bodies were attached and detached so far."""
+        """Number of times that bodies were attached or detached so far."""
         return self._bodies.revision
 
     def attach(
@@ -307,23 +306,23 @@ class Robot:
         geometry: Any,
         placement: pinocchio.SE3 | ArrayLike | None = None,
     ) -> None:
-        """Make a tool or a held part a link of its own, covered and proved.
+        """Attach a tool or a held part as a new link with a proved cover.
 
-        A monitor that runs takes it in at its next step, and looks at all its pairs at once. The
-        cover is fitted before that, in about half a second for a sphere or a box and several
-        seconds for a capsule or a fine mesh, and that step takes some 100 ms more: where steps
-        must not wait, `prepare` does the first ahead, and `Monitor.prepare` the second.
+        A running monitor includes it from its next step on, which evaluates all its pairs. This
+        call fits the cover, which takes about 0.5 s for a sphere or a box and several seconds for a
+        capsule or a fine mesh. The next step takes some 100 ms more. If steps must not wait, call
+        `prepare` for the cover and `Monitor.prepare` for the step in advance.
 
         Args:
-            name: What the new link is to be called.
-            link: The link that it is fixed to, whose joint moves it from now on.
+            name: Name of the new link.
+            link: Link to which it is fixed, whose joint moves it from now on.
             geometry: A Coal shape (sphere, box, capsule, cylinder, convex) or mesh, or triangles
                 in [m] of shape (n, 3, 3).
-            placement: Of the geometry in the frame of that joint: `pinocchio.SE3` or a homogeneous
-                matrix of shape (4, 4); None: they coincide.
+            placement: Placement of the geometry in the frame of that joint: `pinocchio.SE3` or a
+                homogeneous matrix of shape (4, 4); None: they coincide.
 
         Raises:
-            RobotError: The name is taken, there is no such link, or the geometry or its placement
+            RobotError: The name is in use, there is no such link, or the geometry or its placement
                 is unusable.
             CoverError: No cover of it could be proved.
         """
@@ -336,16 +335,16 @@ class Robot:
         geometry: Any,
         placement: pinocchio.SE3 | ArrayLike | None = None,
     ) -> PreparedBody:
-        """Fit and prove the cover of a body that is to be attached later, by `attach_prepared`.
+        """Fit and prove the cover of a body, to be attached later by `attach_prepared`.
 
-        What it returns can be pickled, so that this may be done in another process: another thread
-        would hold up the steps of this one.
+        The result can be pickled, so this can run in another process. Another thread would delay
+        the monitor's steps.
 
         Args:
             name: As for `attach`, and so are the others.
-            link: The link that it is to be fixed to.
+            link: Link to which it will be fixed.
             geometry: Its shape.
-            placement: Of the geometry in the frame of the link's joint.
+            placement: Placement of the geometry in the frame of the link's joint.
 
         Raises:
             RobotError: As for `attach`.
@@ -360,13 +359,13 @@ class Robot:
         return PreparedBody(link, body, Cover.fit(body, spheres=SPHERES))
 
     def attach_prepared(self, prepared: PreparedBody) -> None:
-        """Attach a body whose cover is fitted already, in less than a millisecond.
+        """Attach a body whose cover is already fitted, in less than 1 ms.
 
         Args:
-            prepared: What `prepare` returned, of this robot or another one with such a link.
+            prepared: Result of `prepare`, of this robot or of another one with such a link.
 
         Raises:
-            RobotError: The name is taken, or there is no such link.
+            RobotError: The name is in use, or there is no such link.
         """
         link, name, body = prepared.link, prepared.name, prepared.body
         with _CHANGE:  # two threads may attach at once, and neither body must be lost
@@ -378,7 +377,7 @@ class Robot:
             self._bodies = _Bodies({**bodies.links, name: new}, bodies.revision + 1)
 
     def detach(self, name: str) -> None:
-        """Take off what was attached; a monitor that runs notices at its next step.
+        """Detach an attached body; a running monitor removes it at its next step.
 
         Raises:
             RobotError: No body of that name is attached.
@@ -397,7 +396,7 @@ class Robot:
             self.cover = _restrict(self.cover, left)
 
     def source(self, joint: str, limit: str) -> str:
-        """Where a limit comes from: `position`, `velocity`, `acceleration` or `braking`."""
+        """Source of a limit: `position`, `velocity`, `acceleration` or `braking`."""
         return self._sources[joint][limit]
 
     def triangles(self, link: str) -> FloatArray:
@@ -415,7 +414,7 @@ class Robot:
         return self._find_link(link).triangles
 
     def surface(self, link: str) -> FloatArray:
-        """The surface of a link in the pieces that its cover is proved from.
+        """The surface of a link, in the pieces from which its cover is proved.
 
         Args:
             link: One of `links`.
@@ -437,7 +436,7 @@ class Robot:
         """Points whose convex hull contains a link.
 
         Returns:
-            Vertices of its surface in the frame of its parent joint, in [m]; read-only, and found
+            Vertices of its surface in the frame of its parent joint, in [m]; read-only, computed
             once. Shape (n, 3).
 
         Raises:
@@ -446,11 +445,11 @@ class Robot:
         return self._find_link(link).hull
 
     def fixed_points(self) -> Mapping[str, FloatArray]:
-        """Of each link that no watched joint moves, points whose convex hull contains it.
+        """Points of each link that no watched joint moves; their convex hull contains the link.
 
-        A link behind a joint that is locked with a travel is taken as all that it can reach. Two
-        kinds are not among these: links of a joint that is neither watched nor locked by name,
-        which move by themselves, and links that are only drawn, of whose shape nothing is known.
+        A link behind a joint that is locked with a travel counts as everything that it can reach.
+        Two kinds of links are not included: links of joints that are neither watched nor locked by
+        name, which can move, and links without collision geometry, whose shape is unknown.
 
         Returns:
             By link: points in the frame of the robot's base, in [m]. Shape (n, 3).

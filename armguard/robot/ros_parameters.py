@@ -1,4 +1,4 @@
-"""What ROS parameter files say of a robot: its description, and MoveIt's limits of joints.
+"""Reads ROS parameter files: a robot's description, and MoveIt's joint limits.
 
 Both are YAML. A key is looked for at any depth, since launch files and nodes wrap parameters in
 namespaces. MoveIt's limits are what plans keep to: operating limits, not what the hardware can do.

@@ -1,4 +1,4 @@
-"""How long the arm takes to come to rest, at most."""
+"""Upper bound on the time until the arm is at rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from armguard.jit.kernels import kernel
 from armguard.robot.brakes import BrakeCurves, find_stop, rest_time
 
 ALL_COVERED = -1
-"""In place of a joint's index, where brakes are stated for all speeds that are possible."""
+"""Instead of a joint's index, if brakes are stated for all possible speeds."""
 
 
 @kernel
@@ -22,7 +22,7 @@ def speed_at_bite(
     after: float,
     before: float,
 ) -> float:
-    """The greatest speed of one joint until its brakes bite, in [rad]/[s] or [m]/[s].
+    """The greatest speed of one joint until its brakes engage, in [rad]/[s] or [m]/[s].
 
     Args:
         velocity: As it was measured, in [rad]/[s] or [m]/[s].
@@ -50,19 +50,18 @@ def compute_stop_time(
     reaction_time: float,
     operating_acceleration: NDArray[np.float64],
 ) -> tuple[float, int]:
-    """Time in which every joint surely comes to rest, in [s] from now, and what is not covered.
+    """Stop time: by then every joint is at rest, in [s] from now; and a joint beyond its brakes.
 
-    Until braking begins, a joint may speed up at its operating acceleration from its measured
-    speed, but never beyond its velocity limit (or its measured speed, if that is larger within
-    errors). Before a state that is yet to be measured it may have been as much faster as it can
-    slow down.
+    Until braking begins, a joint can accelerate at its operating acceleration from its measured
+    speed, up to its velocity limit (or its measured speed, if that is larger within errors). Before
+    a state with a future stamp, it can have been faster by as much as it can decelerate.
 
     Args:
         velocity: Measured joint velocities, [rad/s] or [m/s]. Shape (nv,).
         velocity_error: What they may be off by, [rad/s] or [m/s]. Shape (nv,).
         velocity_limit: Velocity limits, or operating ones, [rad/s] or [m/s]. Shape (nv,).
         acceleration_limit: Acceleration limits, [rad/s²] or [m/s²]. Shape (nv,).
-        brakes: How joints stop; what is beyond their range counts as their last entry, and proves
+        brakes: Braking of the joints; speeds beyond their range use the last entry, which proves
             nothing.
         age: How long ago the state was measured, in [s]; negative where it is yet to be.
         horizon: Period plus latency, in [s]: until the verdict after this one is obeyed.
@@ -71,8 +70,8 @@ def compute_stop_time(
             limits where nothing less is in force. Shape (nv,).
 
     Returns:
-        The time, and the first joint that may be faster when its brakes bite than they are stated
-        for: `ALL_COVERED` where there is none.
+        The time, and the first joint that may be too fast for its stated brakes when they engage;
+        `ALL_COVERED` if there is none.
     """
     slowest, uncovered = 0.0, ALL_COVERED
     last = brakes.speed.shape[1] - 1

@@ -1,8 +1,8 @@
-"""Reads a URDF into Pinocchio's model and its collision geometry, with nothing lost on the way.
+"""Reads a URDF into Pinocchio's model and its collision geometry, without losing any element.
 
 Pinocchio reads most of it, but drops mimic relations, gives continuous joints a configuration of
-two numbers, and depends on the present folder for relative mesh names. The XML is therefore set
-right first, and afterwards every collision element and every axis is accounted for.
+two numbers, and resolves relative mesh names by the current folder. So the XML is corrected first,
+and afterwards every collision element and every axis is checked.
 """
 
 from __future__ import annotations

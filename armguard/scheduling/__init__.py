@@ -1,7 +1,7 @@
-"""What is evaluated in which tick, and until when each certificate holds.
+"""Scheduling: which pairs each tick evaluates, and the expiry of certificates.
 
-`deadline` is the monitor's own schedule, over obstacles; schedules over pairs of link and obstacle
-follow `Schedule`, and those of the paper stand in `paper`.
+`deadline` is the monitor's own schedule, over obstacles. Schedules over pairs of link and obstacle
+implement `Schedule`; those of the paper are in `paper`.
 """
 
 from typing import TYPE_CHECKING

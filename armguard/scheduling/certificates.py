@@ -1,4 +1,4 @@
-"""What is known of every obstacle: until when, by what, and when it must be evaluated again."""
+"""Certificates of every obstacle: expiry, basis, and the time of the next evaluation."""
 
 from __future__ import annotations
 

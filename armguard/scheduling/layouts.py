@@ -1,8 +1,8 @@
-"""Arms that are laid out ahead: to attach a body must not take longer than a tick.
+"""Arms that are prepared in advance, so that attaching a body does not delay a tick.
 
-To lay out an arm takes some 100 ms, mostly for what bounds its motion in all postures. None
-of that depends on the tick, so it is done before the body is attached, and kept when one is taken
-off, for it may come again.
+Preparing an arm takes some 100 ms, mostly for bounds that hold in all postures. They do not depend
+on the tick, so they are computed before a body is attached, and kept after it is detached, since it
+may be attached again.
 """
 
 from __future__ import annotations

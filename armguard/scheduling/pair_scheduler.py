@@ -1,4 +1,4 @@
-"""The scheduler that lets a schedule of pair numbers decide what else is evaluated.
+"""A scheduler with a schedule of pairs, which chooses further evaluations.
 
 A schedule of pairs is a policy over the same certificates. It makes obstacles due before their
 deadlines: those of the pairs that it names, and of the pairs that it flags, those that could be

@@ -1,4 +1,4 @@
-"""Schedules of pairs by their names; `armguard.settings.schedule` says what each has to do."""
+"""Schedules of pairs by name; `armguard.settings.schedule` defines their interface."""
 
 from __future__ import annotations
 

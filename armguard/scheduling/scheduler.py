@@ -1,4 +1,4 @@
-"""The scheduler: what is known of each obstacle, and what is evaluated in a tick.
+"""The scheduler: keeps the certificates of each obstacle, and chooses a tick's evaluations.
 
 Each obstacle is due when the answer about it would look stale, or where no stop decision is made,
 when it could matter to a stop. What is known is in `certificates`, and a tick is one compiled call;

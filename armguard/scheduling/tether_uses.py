@@ -1,4 +1,4 @@
-"""What is proved of tethered obstacles by their partners' states, and when that ends.
+"""Proofs about tethered obstacles by their partners' states, and the end of these proofs.
 
 A proof about an obstacle b that used a tether to a rests on a state a0 of a, beside what it rests
 on anyway. It holds while a's measured states agree with a0. To compare a's newer states with the

@@ -1,4 +1,4 @@
-"""A timing wheel: entries that fall due later, and those that are due now, the most urgent first.
+"""A timing wheel: holds entries by due time, and returns due ones, the most urgent first.
 
 One slot for each tick to come, so that an entry goes in and comes out in a few nanoseconds however
 many there are, and none is moved on the way. Several levels of coarser slots would save memory that

@@ -1,4 +1,4 @@
-"""The least of very many values of which a few change: a tournament, kept up to date.
+"""A tournament tree: the least of many values of which few change.
 
 Eight values play against each other, the winners of eight such rounds again, up to the root. A
 change replays one way up, and no farther than it matters; who won is found one way down. Eight

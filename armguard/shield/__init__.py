@@ -1,4 +1,4 @@
-"""A shield that moves arms along proved motions alone; `Shield` is where to begin."""
+"""A shield moves an arm only along proved motions; the main class is `Shield`."""
 
 from typing import TYPE_CHECKING
 

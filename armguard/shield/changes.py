@@ -1,7 +1,7 @@
-"""How motions change: jerk-limited phases within the limits of joints, made by Ruckig [Ruckig]_.
+"""Changes of motions: jerk-limited phases within the limits of joints, made by Ruckig [Ruckig]_.
 
-Each change here goes on for a while, and then stops as hard as the limits allow, so that whatever
-is made of it carries its own stop.
+Each change continues for a while, and then stops as hard as the limits allow, so that every motion
+made of it contains its own stop.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ except ModuleNotFoundError:
 
 
 class MotionError(ArmguardError):
-    """There is no motion within limits from where an arm is said to be."""
+    """There is no motion within limits from the given state of an arm."""
 
 
 Values = Sequence[float] | FloatArray
 """Of each joint one."""
 
 SLOWEST = 1e-9
-"""What is slower counts as no motion, in the units of joints or of a path's pace."""
+"""Speed below which there is no motion, in the units of joints or of a path's pace."""
 
 FULL_PACE = 1.0 + 1e-6
-"""Faster than its clock, a path keeps no limits; what rounding makes of 1 is allowed."""
+"""Greatest pace of a path: a pace above 1 would break limits; this allows for rounding of 1."""
 
 FASTEST = 1e4
 """Changes of a pace where no joint moves, in [1]/[s²] and [1]/[s³]: none limits them there."""
 
 PRACTICE = 0.97
-"""How much of each limit is used: what joints do between samples differs a little."""
+"""Fraction of each limit that is used, since motions between samples differ slightly."""
 
 PLACES = 48
 """Places ahead at which it is looked up how fast a path's pace may change."""

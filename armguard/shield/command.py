@@ -1,4 +1,4 @@
-"""What a shield answers in each step."""
+"""The command of a shield, which it returns in each step."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from armguard.verdict import Reason, Verdict
 
 
 class Command(NamedTuple):
-    """The motion that the arm is to follow from now to its rest; proved as a whole."""
+    """The motion that the arm must follow from now until it is at rest; proved as a whole."""
 
     times: FloatArray
-    """Of the samples, in [s] on the monitor's clock; cubic between them. Shape (n,)."""
+    """Times of the samples, in [s] on the monitor's clock; cubic between them. Shape (n,)."""
     q: FloatArray
     """Joint positions, in [rad] or [m]. Shape (n, nv)."""
     v: FloatArray
@@ -23,35 +23,35 @@ class Command(NamedTuple):
     a: FloatArray
     """Joint accelerations, in [rad]/[s²] or [m]/[s²]. Shape (n, nv)."""
     is_new: bool
-    """Whether it goes on in this step; else the arm is to go on along the one before."""
+    """Whether this motion is new in this step; if not, the arm must follow the one before."""
     valid_until: float
-    """When the arm rests at its end, in [s]: it may be followed until then, whatever is silent."""
+    """Time at which the arm is at rest at its end, in [s]. It may be followed until then, even
+    without further messages."""
     scale: float
-    """How fast the arm goes, of what was asked for: pace along the path, or share of velocities."""
+    """Pace along the path, or velocity as a fraction of the requested one, 0 to 1."""
     moving: bool
-    """Whether it moves from now on."""
+    """Whether the arm moves from now on."""
     stop: Literal["finish", "brake"] | None
-    """BRAKE where the motion is not proved any more: something broke its bounds. Then the arm is
-    to brake by its own means, if it can do so sooner than this motion does."""
+    """BRAKE if the motion is not proved any more, because something broke its bounds. Then the
+    arm must brake by its own means, if it can do so sooner than this motion does."""
     verdict: Verdict
-    """Of the monitor, for this step."""
+    """Verdict of the monitor for this step."""
     reason: Reason | None
-    """Why it does not go on as fast as it was asked to; None: it does."""
+    """Why the arm is slower than requested; None: it is not."""
     contact_speed: float | None
-    """Greatest speed at which this motion could touch what may be touched, in [m]/[s]; None where
-    no contact limits are stated."""
+    """Greatest speed of permitted contact on this motion, in [m]/[s]; None without contact
+    limits."""
     executed: int = 0
-    """How many points of a chunk it passes before its stop begins."""
+    """Number of points of a chunk that it passes before its stop begins."""
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Where the arm is to be at a time: as at its beginning before that, at rest after its end.
+        """State of the motion at a time; before its beginning the first one, after its end at rest.
 
         Args:
-            time: In [s] on the monitor's clock.
+            time: Time in [s] on the monitor's clock.
 
         Returns:
-            Positions, velocities and accelerations, in [rad] or [m], and by [s] and [s²]. Shape
-            (nv,) each.
+            Positions in [rad] or [m], velocities per [s], accelerations per [s²]. Shape (nv,) each.
         """
         if time >= self.times[-1]:
             # Exactly, whatever rounding does to the curve.

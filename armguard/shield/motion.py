@@ -1,8 +1,8 @@
-"""Motions that a shield commands: along a timed path, or joint by joint, each to its rest.
+"""Motions that a shield commands: along a timed path or joint by joint, each ending at rest.
 
-A motion is a sequence of phases, each jerk-limited, made by Ruckig [Ruckig]_. Along a path they
-are of the time along it, so that they change its pace; else they are of the joints themselves. The
-last phase brings everything to rest, where it stays.
+A motion is a sequence of jerk-limited phases, made by Ruckig [Ruckig]_. On a path, phases change
+the time along the path, and so its pace. Otherwise they change the joints' positions. The last
+phase ends at rest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Samples(NamedTuple):
-    """Of a motion. Shape (n,), and (n, nv) each."""
+    """Samples of a motion. Shape (n,), and (n, nv) each."""
 
     times: FloatArray
     """In [s] on the monitor's clock."""
@@ -46,17 +46,17 @@ class Motion(Protocol):
 
     @property
     def end(self) -> float:
-        """When it rests, in [s]; not before it begins."""
+        """Time at which it is at rest, in [s]; not before its beginning."""
 
     def sample(self, times: FloatArray) -> Samples:
-        """Where it is at some times, in [s], not before it begins. Shape (n,)."""
+        """States at some times, in [s], not before its beginning. Shape (n,)."""
 
     def find_knots(self, begin: float) -> FloatArray:
-        """Times from `begin` on at which its jerk changes, its end among them, in [s]."""
+        """Times from `begin` on at which its jerk changes, including its end, in [s]."""
 
 
 class Rest:
-    """An arm that stays where it is.
+    """An arm that stays at rest.
 
     Args:
         q: In [rad] or [m]. Shape (nv,).
@@ -68,7 +68,7 @@ class Rest:
         self._q = q
 
     def sample(self, times: FloatArray) -> Samples:
-        """Where it is at some times, in [s]. Shape (n,)."""
+        """States at some times, in [s]. Shape (n,)."""
         q = np.tile(self._q, (len(times), 1))
         return Samples(times, q, np.zeros_like(q), np.zeros_like(q))
 
@@ -89,17 +89,17 @@ class JointByJoint:
 
     @property
     def end(self) -> float:
-        """When it rests, in [s]."""
+        """Time at which it is at rest, in [s]."""
         last = self.phases[-1]
         return last.begin + float(last.trajectory.duration)
 
     def sample(self, times: FloatArray) -> Samples:
-        """Where it is at some times, in [s], not before it begins. Shape (n,)."""
+        """States at some times, in [s], not before its beginning. Shape (n,)."""
         states = _look_up(self.phases, times)
         return Samples(times, states[:, 0], states[:, 1], states[:, 2])
 
     def find_knots(self, begin: float) -> FloatArray:
-        """Times from `begin` on at which its jerk changes, its end among them, in [s]."""
+        """Times from `begin` on at which its jerk changes, including its end, in [s]."""
         return _find_knots(self.phases, begin)
 
 
@@ -117,7 +117,7 @@ class AlongPath:
 
     @property
     def end(self) -> float:
-        """When it rests, in [s]."""
+        """Time at which it is at rest, in [s]."""
         last = self._phases[-1]
         return last.begin + float(last.trajectory.duration)
 
@@ -127,7 +127,7 @@ class AlongPath:
         return float(place), float(pace), float(change)
 
     def sample(self, times: FloatArray) -> Samples:
-        """Where it is at some times, in [s], not before it begins. Shape (n,)."""
+        """States at some times, in [s], not before its beginning. Shape (n,)."""
         along = _look_up(self._phases, times)
         pace, change = along[:, 1], along[:, 2]
         q, slope, bend, _ = self.path.evaluate(along[:, 0, 0])

@@ -1,6 +1,6 @@
-"""Paths of joints, timed: how the arm would move if nothing were in its way.
+"""Timed paths of joints: how the arm would move without obstacles.
 
-A path is a curve through joint positions. Timed, it has a clock of its own, τ in [s], by which the
+A path is a curve through joint positions. A timed path has its own clock, τ in [s], by which the
 arm could follow it within its limits. A shield chooses the pace w = dτ/dt of that clock, between 0
 and 1, so that
 
@@ -30,21 +30,21 @@ except ModuleNotFoundError:
     ) from None
 
 MOST_SAMPLES = 200_000
-"""Of a path; bounds the time that it takes to lay it out."""
+"""Greatest number of samples of a path; bounds the time to compute it."""
 
 LEAST_STEP = 1e-7
-"""Between samples of a trajectory, in [s]."""
+"""Least time between samples of a trajectory, in [s]."""
 
 LONGEST = 1e6
-"""Of a trajectory, in [s]."""
+"""Longest duration of a trajectory, in [s]."""
 
 SHARE = 0.5
-"""How much of the guaranteed braking, and of the jerk, a timed path uses by itself: the rest is
-for changing the pace."""
+"""Fraction of the guaranteed braking, and of the jerk, that a timed path uses by itself; the rest
+is for changes of the pace."""
 
 SPEEDING = 0.8
-"""How much of the acceleration it uses at most. Where the guaranteed braking is great, nothing else
-would leave any for a greater pace, and an arm at rest would never set off."""
+"""Greatest fraction of the acceleration that it uses. With strong guaranteed braking, nothing else
+would leave acceleration for a greater pace, and an arm at rest would never start."""
 
 PLACES = 256
 """Places between two waypoints at which the fastest timing is sought."""
@@ -77,14 +77,15 @@ STRETCH = 1.0 + 1e-9
 
 
 class MotionLimits(NamedTuple):
-    """What a commanded motion keeps to. Shape (nv,) each."""
+    """Limits of a commanded motion. Shape (nv,) each."""
 
     velocity: FloatArray
     """In [rad]/[s] or [m]/[s]."""
     acceleration: FloatArray
-    """With which joints speed up, in [rad]/[s²] or [m]/[s²]."""
+    """Acceleration when joints get faster, in [rad]/[s²] or [m]/[s²]."""
     braking: FloatArray
-    """With which they slow down, in [rad]/[s²] or [m]/[s²]: guaranteed up to `velocity`."""
+    """Deceleration when joints get slower, in [rad]/[s²] or [m]/[s²]; guaranteed up to
+    `velocity`."""
     jerk: FloatArray
     """In [rad]/[s³] or [m]/[s³]."""
 
@@ -95,11 +96,11 @@ class Path:
     Args:
         q: Positions, in [rad] or [m]: waypoints of a smooth curve, or samples of a trajectory.
             Shape (n, nv), n >= 2.
-        times: Of the samples, in [s], rising; the arm rests at the first and at the last one. None:
-            the fastest timing within limits is sought.
+        times: Times of the samples, in [s], increasing; the arm is at rest at the first and the
+            last sample. None: armguard computes a fast timing within limits.
 
     Raises:
-        ArmguardError: The arrays do not fit each other, or hold what is not finite.
+        ArmguardError: The arrays do not fit each other, or have values that are not finite.
     """
 
     def __init__(self, q: ArrayLike, times: ArrayLike | None = None) -> None:
@@ -129,14 +130,15 @@ def _read(name: str, values: ArrayLike) -> FloatArray:
 
 
 class TimedPath:
-    """A path with a clock of its own: at a pace of 1 or less, all limits hold on it.
+    """A path with its own clock: at a pace of 1 or less, all limits hold on it.
 
     Args:
-        path: The curve. It keeps its times where the limits allow, else it is slower as a whole.
-        limits: What the motion is to keep to.
+        path: The curve. It keeps its times if the limits allow; otherwise it is slowed down as a
+            whole.
+        limits: Limits of the motion.
 
     Attributes:
-        duration: From rest to rest, in [s].
+        duration: Time from rest to rest, in [s].
 
     Raises:
         ArmguardError: The path is of other joints, or does not begin and end at rest.
@@ -187,7 +189,7 @@ class TimedPath:
         )
 
     def find_nearest(self, q: FloatArray, first: float, last: float) -> tuple[float, float]:
-        """Where between two times of its clock the path comes nearest to a place.
+        """The time, between two times of its clock, at which the path is nearest to a place.
 
         Args:
             q: The place, in [rad] or [m]. Shape (nv,).
@@ -195,7 +197,7 @@ class TimedPath:
             last: In [s].
 
         Returns:
-            The time in [s], and how far each joint is from it there at most.
+            The time in [s], and the greatest distance of any joint there.
         """
         low, high = max(first, 0.0), min(last, self.duration)
         for _ in range(SEARCHES):
@@ -207,7 +209,7 @@ class TimedPath:
 
 
 def _check_rest(times: FloatArray, q: FloatArray, limits: MotionLimits) -> None:
-    """Refuse a trajectory that sets off, or ends, faster than from rest.
+    """Refuse a trajectory that does not begin and end at rest.
 
     From rest a joint gets at most a h² / 2 far in its first step h; as much again is for noise of
     samples, and for what speeds up harder than the limits, which is slowed down as a whole.
@@ -229,7 +231,7 @@ def _check_rest(times: FloatArray, q: FloatArray, limits: MotionLimits) -> None:
 
 
 def _find_stretch(curve: CubicSpline, limits: MotionLimits) -> float:
-    """How much longer a curve has to take so that all limits hold, of itself."""
+    """Factor by which a curve's duration must grow so that all limits hold."""
     slope, bend, turn = (curve.derivative(order) for order in (1, 2, 3))
     h = np.diff(curve.x)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):

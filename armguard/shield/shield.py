@@ -1,14 +1,14 @@
-"""A shield: from goals and joint states to motions that are proved to their rest.
+"""A shield: computes motions from goals and joint states, each proved until rest.
 
 Each command is a motion that ends at rest, and that the monitor has proved as a whole, as a
-committed piece. In each step the shield shows the monitor next motions, the best first, each with
-its own stop. The first one that is proved is the next command. If none is, the arm goes on along
-the motion that it has, which slows down and rests: on its path, where it follows one. So nothing
-that is late, lost or refused leaves the arm on a motion that was not proved.
+committed piece. In each step the shield offers the monitor candidates for the next motion, the best
+first, each with its own stop. The first proved candidate is the next command. If none is proved,
+the arm follows its present motion to its end, where it is at rest, still on its path if it has one.
+So the arm is always on a proved motion, whatever is late, lost or refused.
 
-The first motion that is shown goes on for the time to look ahead. As long as that is proved, the
-arm is as fast as it may be. Once it is not, there is still time to slow down gently, on motions
-that are proved for less; so the hardest stop, which every command carries, is seldom run.
+The first candidate continues for `look_ahead` before it stops. While it is proved, the arm moves at
+full pace. When it is not, there is still time to slow down gently, on motions with a shorter
+continuation. So the hardest stop, which every command contains, is seldom executed.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ LEAST_GRAIN = 1e-6
 
 
 class _Piece(NamedTuple):
-    """What is committed: motions, each from a time on in [s], and samples of them to the rest."""
+    """A committed piece: motions, each from a time on in [s], and their samples until rest."""
 
     motions: tuple[tuple[float, Motion], ...]
     samples: Samples
 
     @property
     def end(self) -> float:
-        """When the arm rests at its end, in [s]."""
+        """Time at which the arm is at rest at its end, in [s]."""
         return self.motions[-1][1].end
 
     def find_motion(self, time: float) -> Motion:
-        """What the arm is on at a time."""
+        """The motion of the arm at a time."""
         found = self.motions[0][1]
         for begin, motion in self.motions:
             if begin <= time:
@@ -62,21 +62,23 @@ class _Piece(NamedTuple):
 
 
 class Shield:
-    """Moves an arm along proved motions alone.
+    """Moves an arm only along proved motions.
 
     Args:
-        monitor: Made with `motion="planned"`; the shield steps it.
-        jerk: The greatest one of each joint, in [rad]/[s³] or [m]/[s³]. One number, or shape (nv,).
-        rate: Of the steps, in [Hz].
-        look_ahead: For how long the arm must be able to go on as fast as it was asked to, in [s];
-            less gets more work done, more brakes more gently (docs/shield.md).
-        chunk_period: Between points of a chunk, in [s]; None: one period of the steps.
-        tracking_error: How far joints may be off a command, in [rad] or [m]. One number, or (nv,).
-        velocity_tracking_error: Alike, in [rad]/[s] or [m]/[s].
+        monitor: A monitor with `motion="planned"`; the shield steps it.
+        jerk: Greatest jerk of each joint, in [rad]/[s³] or [m]/[s³]. One number, or shape (nv,).
+        rate: Rate of the steps, in [Hz].
+        look_ahead: How long a proved motion must continue at the requested pace before its stop, in
+            [s]. A shorter time gets more work done; a longer one brakes more gently
+            (docs/shield.md).
+        chunk_period: Time between points of a chunk, in [s]; None: one period of the steps.
+        tracking_error: Greatest distance of joints from a command, in [rad] or [m]. One number, or
+            (nv,).
+        velocity_tracking_error: The same for velocities, in [rad]/[s] or [m]/[s].
 
     Attributes:
-        limits: That commands keep to. They brake as hard as is guaranteed under the monitor's
-            payload; after that has changed, the arm comes to rest first.
+        limits: Limits of commands. Braking is that which is guaranteed with the monitor's payload;
+            after a change of the payload, the arm comes to rest first.
 
     Raises:
         ArmguardError: An argument is out of range, or the monitor was made for another motion.
@@ -131,16 +133,17 @@ class Shield:
         self._nowhere = Samples(np.empty(0), empty, empty, empty)
 
     def set_path(self, path: Path | Sequence[Path] | None) -> None:
-        """Follow a path from now on, or that of several on which the most progress is provable.
+        """Follow a path from now on, or the one of several with the most provable progress.
 
-        An arm that moves comes to rest first. A path begins where the arm rests.
+        A moving arm comes to rest first. A path must begin where the arm is at rest.
 
         Args:
-            path: One, or several that begin at the same place; the first ones are preferred. None:
-                nothing is left to do, and the arm rests.
+            path: One path, or several that begin at the same place; earlier ones are preferred.
+                None: there is nothing to do, and the arm stays at rest.
 
         Raises:
-            ArmguardError: There is none, or one is of other joints or not from rest to rest.
+            ArmguardError: The list is empty, or a path has other joints or is not from rest to
+                rest.
         """
         if path is None:
             self._paths = self._task = None
@@ -153,15 +156,15 @@ class Shield:
 
     @property
     def progress(self) -> float:
-        """How far the arm has come on its path, of 1; 0 without a path."""
+        """Progress of the arm on its path, 0 to 1; 0 without a path."""
         paths = self._paths
         return 0.0 if paths is None else min(1.0, paths.progress / paths.duration)
 
     def sample_path(self, count: int) -> FloatArray:
-        """Where the arm is asked to go: along what is left of the path that it is on.
+        """Sample the rest of the path that the arm is on.
 
         Args:
-            count: How many places, >= 1.
+            count: Number of samples, >= 1.
 
         Returns:
             Joint positions, in [rad] or [m]. Shape (count, nv); (0, nv) without a path.
@@ -169,7 +172,7 @@ class Shield:
         return self._nowhere.q if self._paths is None else self._paths.sample_rest(count)
 
     def reset(self) -> None:
-        """Forget the motion that the arm was on, and reset the monitor; the arm must rest."""
+        """Drop the motion of the arm, and reset the monitor; the arm must be at rest."""
         self._monitor.reset()
         self._piece = None
         self._has_left = False
@@ -187,23 +190,23 @@ class Shield:
     ) -> Command:
         """Judge a joint state, and find the motion to follow from now on.
 
-        Without a velocity or a chunk the arm goes on with its path, or with the points of the last
-        chunk. Never raises on bad data, see `Monitor.step`.
+        Without a velocity or a chunk, the arm continues its path, or the points of the last chunk.
+        Never raises on bad data, see `Monitor.step`.
 
         Args:
             now: Time of this step, in [s].
             q: Joint positions in the order of `robot.joints`, in [rad] or [m]. Shape (nv,).
             v: Joint velocities, in [rad]/[s] or [m]/[s]. Shape (nv,).
-            stamp: When they were measured, in [s]; `now` unless given.
-            velocity: To be kept until the next step says otherwise, in [rad]/[s] or [m]/[s]; slower
-                as a whole where it is beyond limits. Shape (nv,).
-            chunk: The next positions, the first one a chunk's period from now, in [rad] or [m].
+            stamp: Time of measurement, in [s]; None: `now`.
+            velocity: Joint velocities to keep until the next step, in [rad]/[s] or [m]/[s]; scaled
+                down as a whole if beyond limits. Shape (nv,).
+            chunk: The next joint positions, the first one `chunk_period` from now, in [rad] or [m].
                 Shape (k, nv).
         """
         verdict = self._monitor.step(now if stamp is None else stamp, q, v, now)
         time = _read_numbers(now)
         if time is None or time.shape != ():
-            return self._go_on(verdict, _refuse("now", "is no finite number"))
+            return self._go_on(verdict, _refuse("now", "is not a finite number"))
         now = self._now = float(time)
         measured = time if stamp is None else _read_numbers(stamp)
         is_old = measured is None or not bool(np.all(now - measured <= self._oldest))
@@ -212,7 +215,7 @@ class Shield:
             self._follow_payload()
         reason = self._choose_task(velocity, chunk)
         if piece is None:
-            unknown = _refuse("arm", "is not known to rest anywhere")
+            unknown = _refuse("arm", "has no known position of rest")
             return self._go_on(verdict, reason or find_weightiest(verdict.reasons) or unknown)
         begin, is_new = now + self._latency, False
         if self._task is not None and not self._has_left:
@@ -248,9 +251,9 @@ class Shield:
         )
 
     def _go_on(self, verdict: Verdict, reason: Reason | None) -> Command:
-        """The motion that the arm is on, if there is one, in a step that finds no other.
+        """The command for the arm's present motion, in a step that finds no new one.
 
-        Whether it is still proved is not known without a time.
+        Without a valid time, it is unknown whether the motion is still proved.
         """
         piece = self._piece
         samples = self._nowhere if piece is None else piece.samples
@@ -261,7 +264,7 @@ class Shield:
         )
 
     def _follow_payload(self) -> None:
-        """Keep to what brakes guarantee under the monitor's payload; for an arm that rests."""
+        """Use the braking that is guaranteed with the monitor's payload; for an arm at rest."""
         monitor, robot, limits = self._monitor, self._monitor.robot, self.limits
         self._payload = monitor.payload
         brakes = robot.brakes.make_curves(self._payload)
@@ -281,7 +284,7 @@ class Shield:
         self._task = self._paths
 
     def _choose_task(self, velocity: ArrayLike | None, chunk: ArrayLike | None) -> Reason | None:
-        """Take what is asked for; a reason where it cannot be used."""
+        """Set the requested task; returns a reason if it cannot be used."""
         joints = len(self._velocity.velocity)
         if chunk is not None:
             points = _read_numbers(chunk)
@@ -310,14 +313,14 @@ class Shield:
     def _find_piece(
         self, now: float, q: ArrayLike, v: ArrayLike, verdict: Verdict, *, is_old: bool
     ) -> _Piece | None:
-        """What the arm is on; None where nothing is known of where it is.
+        """The piece that the arm is on; None if the arm's state is unknown.
 
-        An arm whose motion is not proved any more may brake by its own means, one that rests may be
-        moved by somebody, and commands may be lost. So once the motion has ended and the arm rests,
-        it is taken to be where it was measured, unless it may be at that end: a place to rest does
-        not follow each measured one, and the arm does not creep. Nor does it follow joint states
-        that the monitor does not believe, until a reset, nor old ones: an arm that was slow then
-        may have gone on. No motion begins beyond position limits.
+        An arm may brake by its own means after its motion is no longer proved, somebody may move an
+        arm at rest, and commands may be lost. So after the motion has ended and the arm is at rest,
+        its measured position counts. If that position agrees with the end of the motion within
+        errors, the end still counts, so that the arm does not creep with each measurement. Joint
+        states that the monitor does not believe do not count until a reset, and neither do old
+        ones: an arm that was slow then may have moved on. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:
@@ -347,10 +350,11 @@ class Shield:
         return _Piece(((now, rest),), rest.sample(np.array([now, now + self._period])))
 
     def _join(self, piece: _Piece, now: float, begin: float, motion: Motion) -> _Piece:
-        """What the arm is on until a time, and then another motion.
+        """Join the arm's present piece until a time with another motion from then on.
 
-        What is cubic between samples differs a little from motions along paths. There are samples
-        where the next step cuts this piece, so that it goes on without a jump.
+        Cubic interpolation between samples differs slightly from motions along paths. There are
+        samples at the times where the next step cuts this piece, so that it continues without a
+        jump.
         """
         # A piece has to begin now, so that nothing that comes as good as now is a knot of its own.
         soon = now + LEAST_GRAIN
@@ -380,7 +384,7 @@ class Shield:
     def _show(
         self, task: Task, piece: _Piece, now: float, begin: float, shown: list[_Piece]
     ) -> Iterator[Plan]:
-        """What a task offers, as pieces to be committed; each is noted as it is shown."""
+        """The motions that a task offers, as pieces to commit; each is noted when it is offered."""
         for motion in task.offer(piece.find_motion(begin), begin):
             candidate = self._join(piece, now, begin, motion)
             shown.append(candidate)
@@ -389,7 +393,7 @@ class Shield:
 
 
 def _read(name: str, value: ArrayLike, joints: int) -> FloatArray:
-    """A number for each joint, above 0."""
+    """Read one number above 0 for each joint."""
     numbers = _read_numbers(value)
     if numbers is None or numbers.shape not in ((), (joints,)) or not (numbers > 0.0).all():
         expected = "a number above 0" + (f", or {joints} of them" if joints > 1 else "")
@@ -398,7 +402,7 @@ def _read(name: str, value: ArrayLike, joints: int) -> FloatArray:
 
 
 def _read_numbers(values: object) -> FloatArray | None:
-    """An array of its own; None where it is none, or not finite."""
+    """A copy as an array; None if it is not an array of finite numbers."""
     try:
         array = np.array(values, dtype=np.float64)
     except (OverflowError, TypeError, ValueError):  # the first for integers beyond all floats

@@ -1,8 +1,8 @@
-"""What a shield is asked to do: follow paths, keep velocities, or follow the points of a policy.
+"""Tasks of a shield: follow paths, keep velocities, or follow the points of a policy.
 
-A task offers motions, the best first. Each of them goes on for a while as the task would have it,
-and then stops. The first one goes on for the time to look ahead: where it is refused, there is
-still time to slow down gently, and that is what the others do.
+A task offers motions, the best first. Each motion continues the task for a while, and then stops.
+The first motion continues for `look_ahead`. If it is refused, there is still time to slow down
+gently, as the other motions do.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ PASSED = 1.0
 
 
 class Task(Protocol):
-    """What the arm is to do."""
+    """A task of the arm."""
 
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:
         """Motions that go on from another one at a time, the best first.
@@ -49,7 +49,7 @@ class Task(Protocol):
         """
 
     def find_scale(self, motion: Motion, time: float) -> float:
-        """How fast a motion is at a time in [s], as a share of what was asked for; 0 to 1."""
+        """Pace of a motion at a time in [s], as a fraction of the requested one; 0 to 1."""
 
 
 _Pace = TypeVar("_Pace", float, FloatArray)
@@ -58,7 +58,7 @@ _Pace = TypeVar("_Pace", float, FloatArray)
 def _vary_pace(
     wanted: _Pace, current: _Pace, look_ahead: float, period: float, share: float
 ) -> Iterator[tuple[_Pace, float]]:
-    """What to go on at, and for how long in [s], before a motion stops; the best first.
+    """Paces of a motion before its stop, and their durations in [s]; the best first.
 
     Args:
         wanted: What was asked for: a pace, or velocities.
@@ -74,7 +74,7 @@ def _vary_pace(
 
 
 class FollowPaths:
-    """Follows a path, or that of several on which the most progress is provable.
+    """Follows a path, or the one of several with the most provable progress.
 
     Args:
         paths: From where the arm rests; the first ones are preferred.
@@ -189,7 +189,7 @@ class FollowPaths:
 
 
 class KeepVelocity:
-    """Moves the joints at a velocity, as long as that is asked for: jogging, or a policy.
+    """Moves the joints at a velocity while that is requested: jogging, or a policy.
 
     Args:
         limits: That the joints keep to.
@@ -224,7 +224,7 @@ class KeepVelocity:
             yield self._changes.go_and_stop(state, begin, lasting, velocity)
 
     def find_scale(self, motion: Motion, time: float) -> float:
-        """The velocity, as a share of the one that was asked for."""
+        """The velocity as a fraction of the requested one."""
         asked = float(np.abs(self.velocity).max())
         v = motion.sample(np.array([time])).v[0]
         return min(1.0, float(np.abs(v).max()) / asked) if asked > 0.0 else 0.0
@@ -248,7 +248,7 @@ class KeepVelocity:
 
 
 class FollowPoints:
-    """Follows a policy's next positions, as far as that is provable; what is left is dropped.
+    """Follows a policy's next positions as far as that is provable; further ones are dropped.
 
     Args:
         limits: That the joints keep to.
@@ -280,7 +280,7 @@ class FollowPoints:
         self._phases = []
 
     def drop(self) -> None:
-        """Follow none of the points any more."""
+        """Drop all points."""
         self._points = None
 
     def offer(self, motion: Motion, begin: float) -> Iterator[Motion]:

@@ -1,7 +1,7 @@
-"""Obstacles and joint states streamed in, verdicts streamed out.
+"""Streams between processes: obstacles and joint states to the monitor, verdicts from it.
 
 ZeroMQ over ipc or loopback TCP, in msgpack or JSON, or JSON lines on standard input. `Publisher`
-and `VerdictReader` are for users' own nodes; `Edge` and the inputs are the monitor's side.
+and `VerdictReader` are for users' nodes; `Edge` and the inputs are the monitor's side.
 """
 
 from armguard.streams.addresses import JOINTS_ADDRESS, OBSTACLES_ADDRESS, VERDICTS_ADDRESS

@@ -1,7 +1,7 @@
-"""Addresses: ipc and loopback TCP, and with keys any TCP, checked before a socket sees them.
+"""Checks addresses before a socket uses them: ipc and loopback TCP, and with keys any TCP.
 
-Without keys nothing on these streams is encrypted or signed, so an address that other machines
-could reach is refused.
+Without keys these streams are neither encrypted nor signed, so an address that other machines could
+reach is refused.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def check_address(address: str, *, has_keys: bool = False) -> None:
 
     Args:
         address: ipc, or TCP: on the loopback interface unless there are keys.
-        has_keys: Whether both sides prove by keys who they are.
+        has_keys: Whether both sides authenticate by keys.
     """
     if re.fullmatch(r"ipc://[^\0]+", address):
         return
     match = re.fullmatch(r"tcp://(\[[^\]]*\]|[^:\[\]]*):(\d+|\*)", address)
     if match is None:
-        raise StreamError(address, "is no address that can be used", expected=_EXPECTED)
+        raise StreamError(address, "is not a usable address", expected=_EXPECTED)
     host, port = match.groups()
     try:
         loopback = ipaddress.ip_address(host.strip("[]")).is_loopback
@@ -46,7 +46,7 @@ def check_address(address: str, *, has_keys: bool = False) -> None:
             address,
             "could be reached from other machines, or is a name, and there are no keys",
             expected=_EXPECTED,
-            remedy="`armguard keys new` makes keys, without which all that can connect are let in",
+            remedy="make keys with `armguard keys new`: without keys every client is accepted",
         )
     if port != "*" and not 0 < int(port) < 65536:
         raise StreamError(address, f"port {port} does not exist", expected="1 to 65535")
@@ -55,8 +55,8 @@ def check_address(address: str, *, has_keys: bool = False) -> None:
 def check_free(address: str) -> None:
     """Raise StreamError if another process answers on an address, or listens there.
 
-    On ipc ZeroMQ would take the file away from it without a word; for TCP the system refuses by
-    itself, but a long start had better not come first.
+    On ipc, ZeroMQ would replace the other process's file without an error. For TCP the system
+    refuses the address, but only after a long start.
     """
     if address.startswith("ipc://"):
         _check_path_free(address)
@@ -95,17 +95,17 @@ def _check_path_free(address: str) -> None:
 
 
 def find_reachable(address: str, beside: str) -> str:
-    """Where an address that a process is bound to is reached, on whatever machine that is.
+    """The address by which other processes reach an address to which a process is bound.
 
-    A process that binds to all interfaces, or to the loopback one, names no machine.
+    An address on all interfaces, or on the loopback interface, names no machine.
 
     Args:
-        address: What the process says that it is bound to.
-        beside: An address of the same process, by which it was reached.
+        address: Address to which the process says it is bound.
+        beside: Another address of the same process, by which it was reached.
 
     Returns:
-        The address, with the host of the other one in place of one that says nothing elsewhere;
-        empty for a path on another machine.
+        The address, with the host of the other one if its own names no machine; empty for a path on
+        another machine.
     """
     is_elsewhere = beside.startswith("tcp://") and not _is_local(beside)
     if address.startswith("ipc://"):

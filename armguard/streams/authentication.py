@@ -1,9 +1,9 @@
-"""Who may connect, and who may send what: CURVE keys, checked for each connection.
+"""Authenticates clients by CURVE keys, and checks their rights for each message.
 
-ZeroMQ asks by its own protocol (ZAP, RFC 27) whether the key of a client is a known one, and keeps
-the name that it is answered with each message that comes over that connection. The answers are
-given by the sockets' own loop, a few at a time: no thread, no lock, and strangers that connect
-again and again cost a tick no more than that.
+ZeroMQ asks by its protocol ZAP (RFC 27) whether the key of a client is known, and attaches the
+answered name to each message of that connection. The loop of the sockets answers a few requests at
+a time, without thread and lock. So unknown clients that connect repeatedly cost a tick no more than
+that.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from armguard.messages.incoming import (
 from armguard.streams.keys import KeyPair, check_key
 
 Right = Literal["obstacles", "joints", "verdicts", "reset", "view"]
-"""What a client may do: send obstacles in its own name; send joint states, plans, goals and wishes
-that contact be wanted; read verdicts and commands; end a latched STOP; attach a view."""
+"""Rights of clients: send obstacles as the source of its own name; send joint states, plans, goals
+and requests for wanted contact; read verdicts and commands; end a latched STOP; attach a view."""
 
 RIGHTS: tuple[Right, ...] = get_args(Right)
 
@@ -49,36 +49,36 @@ _KEY_BYTES = 32
 
 
 class Client(NamedTuple):
-    """One that may connect."""
+    """A client that may connect."""
 
     public: str
     """Its key, in Z85."""
     may: frozenset[Right]
     arms: frozenset[str] = frozenset()
-    """In a cell with several, the arms that it speaks for."""
+    """Arms for which it may send, in a cell with several arms."""
 
 
 class ClientError(MessageError):
-    """A client that asked to be let in, and was not."""
+    """A client was refused."""
 
     kind = "client refused"
 
 
 class SenderError(MessageError):
-    """A message that the client whose key it came with may not send."""
+    """The client of a message has no right to send it."""
 
     kind = "sender refused"
 
 
 class Authenticator:
-    """Lets in the clients that are known, and no others; for the sockets that a monitor binds.
+    """Accepts only known clients, on the sockets that a monitor binds.
 
     Args:
-        keys: The monitor's own.
-        clients: By name. A client speaks of obstacles as the source of that name and no other.
+        keys: Keys of the monitor.
+        clients: Clients by name. A client can send obstacles only as the source of its own name.
 
     Raises:
-        StreamError: A key is none, or two clients have the same.
+        StreamError: A key is malformed, or two clients have the same key.
     """
 
     def __init__(self, keys: KeyPair, clients: Mapping[str, Client]) -> None:
@@ -97,7 +97,7 @@ class Authenticator:
                 raise StreamError(
                     f"public key of {name}",
                     f"is that of {other}, too",
-                    expected="keys of its own for each client, by which they are told apart",
+                    expected="a different key for each client",
                 )
             self._names[client.public] = name
         # ZeroMQ has one authority a context: with one of our own, no other socket is asked for.
@@ -112,9 +112,9 @@ class Authenticator:
         self._refused: dict[str, tuple[ClientError, int]] = {}
 
     def guard(self, socket: zmq.Socket[bytes], rights: Iterable[Right]) -> None:
-        """Have a socket of `context` let in only clients that have one of these rights.
+        """Make a socket of `context` accept only clients with one of these rights.
 
-        To be called before it binds.
+        Must be called before it binds.
         """
         socket.set(zmq.CURVE_SERVER, 1)
         socket.set(zmq.CURVE_SECRETKEY, self._keys.secret.encode())
@@ -126,12 +126,12 @@ class Authenticator:
         return client is not None and right in client.may
 
     def may_speak_for(self, name: str, arm: str) -> bool:
-        """Whether a client is known and speaks for an arm; where there is one, it has no name."""
+        """Whether a client is known and may send for an arm; a single arm has no name."""
         client = self.clients.get(name)
         return client is not None and (not arm or arm in client.arms)
 
     def answer(self) -> None:
-        """Answer the handshakes that wait, a few of them; never blocks."""
+        """Answer a few of the waiting handshakes; never blocks."""
         if not (self._is_unread or self._poll.poll(0)):
             return
         self._is_unread = True
@@ -144,9 +144,9 @@ class Authenticator:
             self._socket.send_multipart(self._judge(parts))
 
     def take_refused(self) -> list[tuple[ClientError, int]]:
-        """Who was refused since the last call: of each name the last one, and how many they were.
+        """Clients refused since the last call: the last refusal of each name, and their number.
 
-        All keys that are not known have one name together.
+        All unknown keys share one name.
         """
         if not self._refused:
             return []
@@ -180,7 +180,7 @@ class Authenticator:
         self._refused[error.source] = error, times + 1
 
     def close(self) -> None:
-        """Let no more clients in, and close the sockets that this has guarded."""
+        """Accept no more clients, and close the guarded sockets."""
         self.context.destroy(linger=0)
 
     def __enter__(self) -> Authenticator:

@@ -1,4 +1,4 @@
-"""Clouds of points: without the arm's own points, handed to the table in the monitor's time."""
+"""Processes point clouds: removes the arm's own points, and updates the table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from armguard.streams.source_accounts import LimitError, SourceAccount
 
 
 class OwnPoints(NamedTuple):
-    """How points of clouds that are the arm's are told from others."""
+    """Removes the arm's own points from clouds."""
 
     find_others: Callable[
         [NDArray[np.float64], NDArray[np.float64], str, tuple[float, float, float]],
@@ -31,14 +31,14 @@ class OwnPoints(NamedTuple):
 
 
 class CloudIntake:
-    """Takes clouds.
+    """Processes clouds.
 
     Args:
-        intake: The table, where faults are counted, and times.
+        intake: The table, the fault log, and the clocks.
         bounds: Acceleration and speed of voxels that bring none and that no pattern of the table's
             fits, in [m/s²] and [m/s]; for sources without a clock.
-        own_points: How points that are the arm's are told from others; None: no clouds are taken.
-        past: Joint states of the last second or so.
+        own_points: Removes the arm's own points; None: clouds are refused.
+        past: Joint states of about the last second.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class CloudIntake:
             intake.obstacles.prepare_clouds()
 
     def take(self, message: CloudMessage, account: SourceAccount) -> None:
-        """Tell the table of a cloud; what the table cannot use is counted.
+        """Update the table with a cloud; unusable parts are counted.
 
         Raises:
             MessageError: Its points are no rows of three, or its marks are not one a point.
@@ -101,7 +101,7 @@ class CloudIntake:
         """
         points, problem = count_rows(message.points, 3), None
         if self._own_points is None:
-            problem = "a cloud", "obstacles: [clouds] in the cell file lets clouds be taken"
+            problem = "a cloud", "obstacles: clouds need [clouds] in the cell file"
         elif points > most:
             problem = f"one of {points} points", f"max_points, {most} at most"
         if problem is not None:
@@ -132,7 +132,7 @@ class CloudIntake:
         assert own is not None, "clouds are taken"
         if not len(points):
             return None
-        problem = "no joint state has come; expected one, to tell the arm's points from others"
+        problem = "no joint state has arrived; expected one, to remove the arm's own points"
         # A camera takes some time to hand over what it saw: the arm was elsewhere then.
         state = min(self._past, key=lambda one: abs(one.stamp - stamp), default=None)
         if state is not None:
@@ -147,5 +147,5 @@ class CloudIntake:
                     f"joint state is {apart:.3g} s away from the cloud, expected at most "
                     f"{own.time_error:.3g} s; the arm's points count as others"
                 )
-        self._intake.faults.add("arm not taken out", message.source, message.seq, problem)
+        self._intake.faults.add("arm not removed", message.source, message.seq, problem)
         return None

@@ -1,12 +1,11 @@
-"""The edge: messages from outside, checked once, become obstacle rows and a joint state.
+"""The edge: checks messages from outside once, and converts them to obstacles and joint states.
 
-Nothing raises here and nothing is lost silently: whatever is wrong is counted with its source,
-number, field and value, and what can still be used is passed on. Rows that only the obstacle
-table can judge (implausible, negative, not finite) are its business and lead to its faults, so
-that the verdict knows of them; the edge names their values.
+Nothing raises here and nothing is lost silently: each fault is counted with its source, number,
+field and value, and the usable rest is passed on. The obstacle table judges rows (implausible,
+negative, not finite), and its faults are reported in the verdict; the edge reports their values.
 
-Each message is decoded once, charged to its source, and handed to the handler of its type. A long
-one is charged before it is decoded, by its header alone; a malformed one by its header, too.
+Each message is decoded once, charged to its source, and passed to the handler of its type. A long
+message is charged before it is decoded, by its header alone; a malformed one also by its header.
 """
 
 from __future__ import annotations
@@ -53,10 +52,10 @@ from armguard.streams.source_accounts import (
 from armguard.streams.stamp_clocks import MONOTONIC, StampClock, StampTimes
 
 _MESSAGES_A_DRAIN = 64
-"""Most messages taken from one input in one tick; the rest wait for the next."""
+"""Greatest number of messages read from one input in one tick; the rest wait for the next tick."""
 
 DRAIN_TIME = 5e-3
-"""How long taking messages may last in one tick where nothing else is said, in [s]."""
+"""Default for the longest time in which one tick reads messages, in [s]."""
 
 _DECODED_AT_ONCE = 4096
 """Longest message, in bytes, that is decoded before it is charged to its source. That takes about a
@@ -105,7 +104,7 @@ class EdgeSettings:
 
 
 class Edge:
-    """Takes messages from inputs and hands each to the handler of its type.
+    """Reads messages from inputs, and passes each to the handler of its type.
 
     Args:
         obstacles: The table.
@@ -171,7 +170,7 @@ class Edge:
         the beginning of the last drain."""
 
     def drain(self, inputs: Sequence[Input]) -> float:
-        """Take what has arrived, up to a bound on the work of one tick; never blocks or raises.
+        """Read the arrived messages, up to a bound on the work of one tick; never blocks or raises.
 
         The bound of each input is a number of messages, their length and its part of the time.
 

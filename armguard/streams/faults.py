@@ -1,7 +1,7 @@
-"""What was wrong with messages: counted without limit of number, told at most once a second each.
+"""Counts faults of messages, and reports each kind of fault at most once a second.
 
-A hostile or broken sender may be wrong a hundred thousand times a second, with a new name each
-time; neither log nor memory may grow with that.
+A hostile or broken sender may cause 100,000 faults per second, each with a new name; neither log
+nor memory may grow with them.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ logger = logging.getLogger("armguard.streams")
 
 
 class FaultKey(NamedTuple):
-    """What is told apart: the same fault of the same source is one."""
+    """Key of a fault: the same fault of the same source is one."""
 
     kind: str
     source: str
 
 
 class FaultLog:
-    """Counts faults and says each at most once a second.
+    """Counts faults, and reports each at most once a second.
 
     Args:
         now: Reads the time in [s], for the pace of the lines.
@@ -66,7 +66,7 @@ class FaultLog:
         problem: str,
         times: int = 1,
     ) -> None:
-        """Count a fault, and say so if it was not said in the last second.
+        """Count a fault, and report it if it was not reported in the last second.
 
         Args:
             kind: What sort of fault it is, in one word or two.
@@ -92,7 +92,7 @@ class FaultLog:
             emit(line)
 
     def also_emit(self, emit: Callable[[str], None]) -> None:
-        """Tell each line to something else as well."""
+        """Also send each line to another receiver."""
         self._emit.append(emit)
 
 

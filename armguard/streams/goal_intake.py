@@ -1,4 +1,4 @@
-"""Goals of a shield: read, and refused by name where they are late or cannot be used."""
+"""Reads goals of a shield, and refuses late or unusable ones by name."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""Where messages come in: a bound ZeroMQ socket, or lines of JSON on a file descriptor.
+"""Inputs of messages: a bound ZeroMQ socket, or lines of JSON on a file descriptor.
 
-An input never blocks and never raises on what others send: `receive` answers with one message, or
-None when nothing more is there. What cannot be a message at all (too long, in several parts) is
-raised as `MessageError` for the edge to count.
+An input never blocks. `receive` returns one message, or None if there is none. Data that cannot be
+a message (too long, in several parts) raise `MessageError`, which the edge counts.
 
-A vain attempt to receive costs as much as receiving does, and most inputs have nothing in most
-ticks. So `InputWatch` asks for all of them by one system call. ZeroMQ's descriptors are
-edge-triggered: they tell of what has come since a socket was last found empty. So a socket that was
-not found empty counts as readable, whatever its descriptor says.
+An unsuccessful attempt to receive costs as much as a successful one, and most inputs are empty in
+most ticks. So `InputWatch` polls all of them with one system call. ZeroMQ's descriptors are
+edge-triggered: they report only data that arrived since a socket was last found empty. So a socket
+that was not found empty counts as readable, whatever its descriptor reports.
 """
 
 from __future__ import annotations
@@ -345,7 +344,7 @@ class InputWatch:
                 source.is_unread = True
         for source in self._sockets:
             if source.has_events and (ended := source.limit_connections()):
-                problem = "has as many connections as may be; one too many was ended"
+                problem = "has its greatest number of connections; a further one was ended"
                 self._faults.add("connections", source.address, None, problem, ended)
         # The inputs of a run have one authenticator, which answers once for all of them.
         for authenticator in self._authenticators:

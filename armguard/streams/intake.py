@@ -1,4 +1,4 @@
-"""What all handlers of messages work with: table, faults, times, names of the arms, numbers."""
+"""Common parts of all message handlers: table, fault log, clocks, names of arms, numbers."""
 
 from __future__ import annotations
 
@@ -55,14 +55,17 @@ class SequenceWatch:
         else:
             # The track that was left may be taken up again: then there are two publishers.
             self._left = last
-            kind, problem = "sequence went back", "a publisher that started anew, or a second one"
+            kind, problem = (
+                "sequence went back",
+                "the publisher restarted, or there is a second one",
+            )
         found = f"seq is {sequence} after {last}: {problem}"
         self._faults.add(kind, self._source, sequence, found, lost)
 
 
 @dataclasses.dataclass(frozen=True)
 class Intake:
-    """What all handlers of messages work with."""
+    """Common parts of all message handlers."""
 
     obstacles: Obstacles
     """The table."""

@@ -1,4 +1,4 @@
-"""Joint states of the watched arm: read, dated, and dropped where they are a backlog."""
+"""Reads joint states of the watched arm, converts their stamps, and drops a backlog."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PAST_STATES = 1000
 
 
 class JointState(NamedTuple):
-    """The arm's state in the order of the watched joints, stamped in the monitor's time."""
+    """A joint state in the order of the watched joints, with its stamp in the monitor's time."""
 
     stamp: float
     q: NDArray[np.float64]

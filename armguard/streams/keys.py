@@ -1,8 +1,8 @@
-"""Key pairs of CURVE (Curve25519), in files: made, and read again.
+"""Makes and reads files of CURVE key pairs (Curve25519).
 
-A process that holds a secret key is the client that its public key names. So a secret file is made
-for its owner alone, and one that others can read is no longer secret, and refused. The format is
-that of ZeroMQ's own certificates, which `zmq.auth` and CZMQ read as well.
+A process with a secret key can act as the client of its public key. So a secret file is readable by
+its owner only, and one that others can read is refused. The format is that of ZeroMQ's
+certificates, which `zmq.auth` and CZMQ read as well.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class KeyPair:
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """What a node needs to speak with a monitor that asks for keys.
+    """Keys of a node, for a monitor that requires keys.
 
     Attributes:
         own: The node's pair.
-        server: The monitor's public key, in Z85: nothing else is spoken to.
+        server: The monitor's public key, in Z85; the node connects to no other process.
     """
 
     own: KeyPair
@@ -76,7 +76,7 @@ class Keys:
 
 
 def read_public(path: str | Path) -> str:
-    """The public key in a public file (or in a secret one, which is then to be secret), in Z85.
+    """The public key in a public file, or in a secret file, which others must not read; in Z85.
 
     Raises:
         KeyFileError: If the file cannot be read or holds none.
@@ -108,9 +108,9 @@ def write_new_pair(name: str, folder: str | Path) -> tuple[Path, Path, str]:
 
 
 def present(socket: zmq.Socket[Any], keys: Keys) -> None:
-    """Have a socket prove who it is, and speak with the monitor of these keys only.
+    """Make a socket authenticate with these keys, and connect only to the monitor of these keys.
 
-    To be called before it connects.
+    Must be called before it connects.
     """
     socket.set(zmq.CURVE_PUBLICKEY, keys.own.public.encode())
     socket.set(zmq.CURVE_SECRETKEY, keys.own.secret.encode())

@@ -1,8 +1,8 @@
-"""What users put into their own nodes: `Publisher` for perception and robot, `VerdictReader`.
+"""Classes for users' nodes: `Publisher` for perception and robot, `VerdictReader` for controllers.
 
-Publishers and readers connect, the monitor binds; so either side may start first, and either may
-be restarted. Stamps are seconds of the machine's monotonic clock (`time.monotonic()`) unless the
-cell file names another clock for the source.
+Publishers and readers connect, and the monitor binds. So either side can start first, and either
+can be restarted. Stamps are seconds of the machine's monotonic clock (`time.monotonic()`), unless
+the cell file names another clock for the source.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from armguard.streams.keys import Keys, present
 from armguard.verdict import Level, PlanVerdict, ResetVerdict, Verdict
 
 _ANSWERS = 16
-"""Answers to plans and resets that a reader keeps."""
+"""Greatest number of answers to plans and resets that a reader keeps."""
 
 _Answer = TypeVar("_Answer", PlanVerdict, ResetVerdict)
 
@@ -60,7 +60,7 @@ _MESSAGES_AFTER = 64
 _NOBLOCK = int(zmq.NOBLOCK)
 
 _LINGER = 200
-"""How long, in [ms], a closing publisher may take to hand over its last messages."""
+"""How long, in [ms], a closing publisher may take to send its last messages."""
 
 
 def _connect(address: str, kind: int, keys: Keys | None) -> zmq.Socket[bytes]:
@@ -89,10 +89,10 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
     """Sends obstacles or joint states to a running monitor; never blocks.
 
     Args:
-        address: The monitor's input.
-        source: Name under which the obstacles are known; one publisher a source.
-        keys: Of this client, where the monitor asks for keys; its `source` must be the name by
-            which the monitor knows them.
+        address: Address of the monitor's input.
+        source: Name of the source of the obstacles; each source must have only one publisher.
+        keys: Keys of this client, if the monitor requires keys; `source` must be the client's name
+            in the cell file.
 
     Raises:
         StreamError: The address cannot be used; beyond this machine it can be with keys only.
@@ -110,9 +110,9 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         self._socket = _connect(address, zmq.XPUB, keys)
 
     def wait(self, timeout: float) -> bool:
-        """Whether a monitor has begun to listen, waiting for that up to `timeout` [s].
+        """Wait up to `timeout` [s] until a monitor is connected; returns whether one is.
 
-        What is published before that is lost, as with any publisher. A monitor listens from its
+        Messages published before are lost, as with any publisher. A monitor is connected from its
         first tick on.
         """
         if not self._connected and self._socket.poll(int(1000 * timeout)):
@@ -135,21 +135,21 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         snapshot: bool = False,
         region: str | Sequence[str] | None = None,
     ) -> None:
-        """Send the states of obstacles, as `Obstacles.update` takes them; none is a heartbeat.
+        """Send states of obstacles, as for `Obstacles.update`; without ids, a heartbeat.
 
         Args:
             ids: Names of the obstacles. Length n.
-            stamp: When they were there, in [s].
-            position: Centres in [m], shape (n, 3); or points of their hulls, shape (n, k, 3).
-            velocity: Of these points in [m/s], shape as of `position`; None: unknown.
-            radius: In [m], one for all or shape (n,); needed wherever there are ids.
+            stamp: Time of measurement, in [s].
+            position: Centres of balls, shape (n, 3), or points of hulls, shape (n, k, 3), in [m].
+            velocity: Velocities of these points in [m/s], shape as of `position`; None: unknown.
+            radius: Radius in [m], one for all or shape (n,); required if there are ids.
             accel: Bounds on acceleration in [m/s²], one or shape (n,); None: the cell's.
             speed: Bounds on speed in [m/s], one or shape (n,); None: the cell's.
-            position_error: What positions may be off by, in [m], one or shape (n,).
-            velocity_error: What velocities may be off by, in [m/s], one or shape (n,).
-            frame: Name of the frame that all of it is given in.
-            snapshot: Whether this is all that is in the cell, so that absent ids are gone.
-            region: Which region of a body they are, one or one for each; None: the cell's.
+            position_error: Greatest error of positions, in [m], one or shape (n,).
+            velocity_error: Greatest error of velocities, in [m/s], one or shape (n,).
+            frame: Name of the frame of these coordinates.
+            snapshot: Whether the message shows all that the source sees: absent ids are removed.
+            region: Region of a body, one for all or one for each; None: the cell's.
 
         Raises:
             StreamError: If shapes do not fit the number of ids.
@@ -189,22 +189,23 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         frame: str = "world",
         snapshot: bool = False,
     ) -> None:
-        """Send a cloud, as `Obstacles.update_cloud` takes it; one without points is a heartbeat.
+        """Send a cloud, as for `Obstacles.update_cloud`; a cloud without points is a heartbeat.
 
-        The monitor takes out the points that are the arm's. Send the others all the same: their
-        rays tell what is empty.
+        The monitor removes the arm's own points. Send all other points, including those that are
+        not obstacles: their rays show empty space.
 
         Args:
-            points: Where rays end, in [m]. Shape (n, 3).
-            stamp: When they were measured, in [s].
-            origin: Where they begin, the camera's centre, in [m]. Shape (3,).
-            voxel: Edge of the voxels that they become, in [m], the same in all clouds.
-            occupied: Which points are to be obstacles; None: all. Bool, shape (n,).
-            position_error: What points may be off by, in [m].
+            points: End points of rays, in [m]. Shape (n, 3).
+            stamp: Time of measurement, in [s].
+            origin: Origin of the rays, the camera's centre, in [m]. Shape (3,).
+            voxel: Edge of the voxels, in [m], the same in all clouds.
+            occupied: Points that become obstacles; None: all. Bool, shape (n,).
+            position_error: Greatest error of points, in [m].
             accel: Bound on acceleration, in [m/s²]; None: the cell's for the id "voxel".
             speed: Bound on speed, in [m/s]; None: the cell's for the id "voxel".
-            frame: Name of the frame that points and origin are given in.
-            snapshot: Whether this source sees the whole cell: all else of it is gone.
+            frame: Name of the frame of points and origin.
+            snapshot: Whether this cloud shows all that the source sees: its other obstacles are
+                removed.
 
         Raises:
             StreamError: If shapes do not fit each other.
@@ -241,7 +242,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         )
 
     def remove(self, ids: Sequence[str], stamp: float) -> None:
-        """Say that these obstacles have left the cell, at `stamp` [s]."""
+        """Report that these obstacles have left the cell, at `stamp` [s]."""
         self._sequence += 1
         self._send(RemoveMessage(list(ids), float(stamp), self.source, self._sequence))
 
@@ -256,11 +257,11 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         """Send a joint state.
 
         Args:
-            stamp: When it was measured, in [s].
-            names: Of the joints, in any order. Length n.
+            stamp: Time of measurement, in [s].
+            names: Names of the joints, in any order. Length n.
             q: Positions, in [rad] or [m]. Shape (n,).
             v: Velocities, in [rad/s] or [m/s]. Shape (n,).
-            arm: Whose state it is, in a cell with several arms; empty where there is one.
+            arm: Name of the arm, in a cell with several arms; empty in a cell with one arm.
 
         Raises:
             StreamError: If lengths do not fit the number of names.
@@ -291,27 +292,26 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         velocity_tracking_error: ArrayLike | None = None,
         arm: str = "",
     ) -> int:
-        """Ask whether the arm may do what is planned; see `Plan` and `Monitor.commit`.
+        """Ask whether the arm may follow a plan; see `Plan` and `Monitor.commit`.
 
         The answer is published among the verdicts: `VerdictReader.answer` waits for it.
 
         Args:
-            ask: "commit": the plan is a piece that carries its own stop.
-            stamp: When the arm is at the first sample, in [s] on the clock of the joint states.
-            names: Of the joints, in any order. Length n.
-            times: Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,).
+            ask: "commit": the plan is a piece that contains its own stop.
+            stamp: Time of the first sample, in [s] on the clock of the joint states.
+            names: Names of the joints, in any order. Length n.
+            times: Times of the samples, counted from `stamp`, in [s]; from 0 up. Shape (k,).
             q: Positions, in [rad] or [m]. Shape (k, n).
             v: Velocities, in [rad/s] or [m/s]. Shape (k, n).
-            tracking_error: How far joints may be off, in [rad] or [m], one or shape (n,).
-            velocity_tracking_error: How far velocities may be off, one or shape (n,).
-            arm: Whose plan it is, in a cell with several arms; empty where there is one.
+            tracking_error: Greatest distance of joints from it, in [rad] or [m], one or shape (n,).
+            velocity_tracking_error: The same for velocities, one or shape (n,).
+            arm: Name of the arm, in a cell with several arms; empty in a cell with one arm.
 
         Returns:
-            The plan's number, by which it is answered.
+            The plan's number, which the answer carries.
 
         Raises:
-            StreamError: If something else is asked, or shapes do not fit the numbers of names
-                and times.
+            StreamError: `ask` is unknown, or shapes do not fit the numbers of names and times.
         """
         if ask != "commit":
             raise StreamError("ask", f"is {ask!r}", expected='"commit"')
@@ -330,22 +330,23 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         tracking_error: ArrayLike,
         velocity_tracking_error: ArrayLike,
     ) -> None:
-        """Promise the monitors of other arms what an arm does, as `ArmObstacles.take_plan` has it.
+        """Share a plan of an arm with the monitors of other arms; see `ArmObstacles.take_plan`.
 
-        From `stamp` to `until` it does nothing but follow the plan, on time or slower, or stop;
-        that cannot be taken back. Share what the arm's own monitor has allowed, not what it was
-        asked. There is no answer.
+        From `stamp` to `until`, the arm must only follow the plan, on time or slower, or stop. This
+        cannot be revoked. Share only plans that the arm's own monitor has allowed. There is no
+        answer.
 
         Args:
-            arm: Whose plan it is.
-            until: How long it is promised, in [s] on the clock of the joint states.
-            stamp: When the arm is at the first sample, alike.
-            names: Of the joints, in any order. Length n.
-            times: Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,).
+            arm: Name of the arm.
+            until: Time until which the arm follows the plan, in [s] on the clock of the joint
+                states.
+            stamp: Time of the first sample, on the same clock, in [s].
+            names: Names of the joints, in any order. Length n.
+            times: Times of the samples, counted from `stamp`, in [s]; from 0 up. Shape (k,).
             q: Positions, in [rad] or [m]. Shape (k, n).
             v: Velocities, in [rad/s] or [m/s]. Shape (k, n).
-            tracking_error: How far joints may be off, in [rad] or [m], one or shape (n,).
-            velocity_tracking_error: How far velocities may be off, one or shape (n,).
+            tracking_error: Greatest distance of joints from it, in [rad] or [m], one or shape (n,).
+            velocity_tracking_error: The same for velocities, one or shape (n,).
 
         Raises:
             StreamError: If shapes do not fit the numbers of names and times.
@@ -370,7 +371,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         arm: str,
         until: float | None = None,
     ) -> int:
-        """Send times, positions and velocities, with the errors of a plan; its number."""
+        """Send a plan with its tracking errors; returns its number."""
         self._plans += 1
         times, q, v = samples
         tracking_error, velocity_tracking_error = errors
@@ -403,20 +404,20 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         chunk: ArrayLike | None = None,
         arm: str = "",
     ) -> int:
-        """Tell a shield what to do from now on: exactly one of paths, a velocity and a chunk.
+        """Send a shield its goal from now on: exactly one of paths, a velocity and a chunk.
 
-        Commands carry the number of the newest goal that was taken, and of the newest one that was
-        refused: `VerdictReader.command`.
+        Commands carry the number of the newest accepted goal, and of the newest refused one:
+        `VerdictReader.command`.
 
         Args:
-            until: A goal that comes later is refused, and a velocity ends then; in [s] on the clock
-                of the joint states.
-            names: Of the joints, in any order. Length n.
-            paths: Positions, in [rad] or [m], shape (k, n), and their times, in [s], shape (k,),
-                or None for the fastest; several are offered for the shield to choose.
-            velocity: To be kept, in [rad/s] or [m/s]. Shape (n,).
+            until: Time in [s] on the clock of the joint states. A goal that arrives later is
+                refused, and a velocity ends then.
+            names: Names of the joints, in any order. Length n.
+            paths: Positions, in [rad] or [m], shape (k, n), and their times, in [s], shape (k,), or
+                None for the fastest timing. The shield chooses one of several paths.
+            velocity: Joint velocities to keep, in [rad/s] or [m/s]. Shape (n,).
             chunk: The next positions of a policy, in [rad] or [m]. Shape (k, n).
-            arm: Whose goal it is, in a cell with several arms; empty where there is one.
+            arm: Name of the arm, in a cell with several arms; empty in a cell with one arm.
 
         Returns:
             The goal's number.
@@ -459,19 +460,19 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         zone: ArrayLike | None = None,
         arm: str = "",
     ) -> int:
-        """Ask that contact be wanted for the time being, as `Monitor.ignore` takes it.
+        """Request an exemption for wanted contact; see `Monitor.ignore`.
 
-        Verdicts tell in a note what is not watched; what is refused is counted by the run and told
-        on its standard error.
+        A note in verdicts names the pairs that are not watched. The run counts refused requests,
+        and prints them on standard error.
 
         Args:
-            token: Of the run, as for a reset.
+            token: Token of the run, as for a reset.
             link: Name of a link; "*" is any.
             ids: Pattern of obstacle ids.
-            source: Whose obstacles alone are meant; None: those of all sources.
-            until: When contact is not wanted any more, in [s] on the clock of the joint states.
-            zone: Corners of the region in which it is wanted, in [m]. Shape (k, 3).
-            arm: Whose link it is, in a cell with several arms; empty where there is one.
+            source: Source to which the pattern is restricted; None: all sources.
+            until: Time at which wanted contact ends, in [s] on the clock of the joint states.
+            zone: Corners of the region in which contact is wanted, in [m]. Shape (k, 3).
+            arm: Name of the arm, in a cell with several arms; empty in a cell with one arm.
 
         Returns:
             The exemption's number, for `watch`.
@@ -489,26 +490,27 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         return self._exemptions
 
     def watch(self, number: int, arm: str = "") -> None:
-        """Ask that an exemption end.
+        """Request the end of an exemption.
 
         Args:
-            number: What `ignore` returned.
-            arm: Whose exemption it is, in a cell with several arms; empty where there is one.
+            number: Number that `ignore` returned.
+            arm: Name of the arm, in a cell with several arms; empty in a cell with one arm.
         """
         self._send(WatchMessage(number, arm))
 
     def reset(self, token: str, arm: str = "") -> int:
-        """Ask a monitor to release a latched STOP; it obeys only the token of its run.
+        """Request the end of a latched STOP; the monitor accepts only the token of its run.
 
         A cause that persists latches again at once. The answer is published among the verdicts:
         `VerdictReader.reset_answer` waits for it.
 
         Args:
             token: Of the run.
-            arm: Whose monitor is meant, in a cell with several arms; empty where there is one.
+            arm: Name of the arm whose monitor to reset, in a cell with several arms; empty in a
+                cell with one arm.
 
         Returns:
-            The reset's number, by which it is answered.
+            The reset's number, which the answer carries.
         """
         self._resets += 1
         self._send(ResetMessage(token, arm, self._resets))
@@ -518,7 +520,7 @@ class Publisher(contextlib.AbstractContextManager["Publisher"]):
         self._socket.send(encode(message), zmq.NOBLOCK)
 
     def close(self) -> None:
-        """Close; messages on their way get a fifth of a second to arrive."""
+        """Close; messages in transit get 0.2 s to arrive."""
         self._socket.close()
 
     def __exit__(self, *_: object) -> None:
@@ -549,15 +551,14 @@ def _pack_values(field: str, values: ArrayLike | None, count: int) -> Values | N
 
 
 class VerdictPublisher:
-    """Sends verdicts to all readers, and waits for none: one that never reads loses some.
+    """Sends verdicts to all readers without waiting: a slow reader misses some.
 
     Args:
-        address: Where readers connect to; bound.
+        address: Address to bind, to which readers connect.
         offset: Machine's monotonic clock minus the monitor's, in [s].
-        authenticator: Lets in the readers that it knows; None: there are no keys.
+        authenticator: Authenticates readers; None: no keys.
         as_json: Whether verdicts and answers are JSON objects, not msgpack maps.
-        configuration: Digest of what the monitor was made with, for each verdict; None: it is not
-            told.
+        configuration: Digest of the monitor's configuration, for each verdict; None: none is sent.
 
     Raises:
         StreamError: The address cannot be used.
@@ -595,7 +596,7 @@ class VerdictPublisher:
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def publish(self, verdict: Verdict) -> None:
-        """Send one verdict; never blocks. Readers that ask to be let in are answered."""
+        """Send one verdict and answer handshakes of readers; never blocks."""
         if self._authenticator is not None:
             self._authenticator.answer()
         data = encode_verdict(
@@ -623,19 +624,19 @@ class VerdictPublisher:
 
 
 class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
-    """Receives verdicts; for a controller, which must brake on STOP, and on silence as well.
+    """Receives verdicts, for a controller. The controller must brake on STOP, and on silence.
 
-    Times of the verdicts are seconds of the machine's monotonic clock. What is malformed or comes
-    from another version is counted in `refused` and otherwise treated as silence.
+    Times of the verdicts are seconds of the machine's monotonic clock. Messages that are malformed
+    or of another version are counted in `refused`, and otherwise count as silence.
 
     Args:
-        address: The monitor's verdicts.
-        keys: Of this client, where the monitor asks for keys.
+        address: Address of the monitor's verdicts.
+        keys: Keys of this client, if the monitor requires keys.
 
     Attributes:
-        command: The newest command of a shield received so far; None before the first. A controller
-            takes it up where it joins the motion that the arm follows (`CommandMessage.joins`), and
-            else goes on along that one, to its end.
+        command: The newest command of a shield received so far; None before the first. The
+            controller must follow it if it joins the present motion (`CommandMessage.joins`).
+            Otherwise the controller must follow the present motion to its end.
 
     Raises:
         StreamError: The address cannot be used; beyond this machine it can be with keys only.
@@ -651,7 +652,7 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
         self._socket.subscribe(b"")
 
     def latest(self, timeout: float = 0.0) -> Verdict | None:
-        """The newest verdict received so far, or None before the first.
+        """The newest verdict received so far; None before the first.
 
         Waits up to `timeout` [s], and only if nothing new has arrived.
         """
@@ -663,19 +664,19 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
         return self._last
 
     def answer(self, number: int, timeout: float = 0.0) -> PlanVerdict | None:
-        """The answer to a plan, or None if there is none yet; takes verdicts in as well.
+        """The answer to a plan; None if there is none yet. Also receives verdicts.
 
         Args:
-            number: What `Publisher.plan` returned.
+            number: Number that `Publisher.plan` returned.
             timeout: How long to wait for it, in [s].
         """
         return self._find_answer(PlanVerdict, number, timeout)
 
     def reset_answer(self, number: int, timeout: float = 0.0) -> ResetVerdict | None:
-        """The answer to a reset, or None if there is none yet; takes verdicts in as well.
+        """The answer to a reset; None if there is none yet. Also receives verdicts.
 
         Args:
-            number: What `Publisher.reset` returned.
+            number: Number that `Publisher.reset` returned.
             timeout: How long to wait for it, in [s].
         """
         return self._find_answer(ResetVerdict, number, timeout)
@@ -695,15 +696,15 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
             self._receive()
 
     def silent(self, now: float | None = None) -> bool:
-        """Whether there is no verdict that is still valid at `now` (default: the present)."""
+        """Whether no verdict is valid at `now` (default: the present)."""
         if now is None:
             now = time.monotonic()
         return self._last is None or not now <= self._last.valid_until
 
     def speed_scale(self, now: float | None = None) -> float:
-        """How fast the arm may go on, from 0 to 1: 0 in STOP, and beyond `valid_until`.
+        """The permitted speed scale, 0 to 1: 0 in STOP, and after `valid_until`.
 
-        Looks at what `latest` has received; it receives nothing itself.
+        Uses what `latest` has received; receives nothing itself.
         """
         if self._last is None or self.silent(now) or self._last.level is Level.STOP:
             return 0.0
@@ -729,7 +730,7 @@ class VerdictReader(contextlib.AbstractContextManager["VerdictReader"]):
         return True
 
     def __iter__(self) -> Iterator[Verdict]:
-        """Every verdict in turn, for ever; waits for each."""
+        """Iterate over all verdicts, without end; waits for each."""
         while True:
             before = self._last
             self._socket.poll()

@@ -1,7 +1,7 @@
-"""States of obstacles, and removals: handed to the table in the monitor's time.
+"""Processes states and removals of obstacles: converts stamps, and updates the table.
 
-Where the time of a measurement is not known exactly, the errors of what was measured are widened by
-what a body can do in the time that is left open.
+If the time of a measurement is not known exactly, its errors are increased by the possible motion
+of a body in the uncertain time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Joint states and plans of another arm of the cell, which is an obstacle of the watched one."""
+"""Processes joint states and plans of another arm, which is an obstacle of the watched arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What messages ask, for the loop to answer: plans, goals, wanted contact, resets."""
+"""Requests in messages, which the loop answers: plans, goals, wanted contact, resets."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ class TokenReader:
         """Hand on what is asked; what cannot be read, or has no token, is counted."""
         faults, number = self._intake.faults, message.number
         if not self._is_token(message.token):
-            problem = "token is not the one of this run"
+            problem = "token is not that of this run"
             faults.add("ignore refused", "exemptions", number, problem)
             return
         zone, until = None, message.until
@@ -209,9 +209,9 @@ class TokenReader:
 
     def take_reset(self, message: ResetMessage) -> None:
         """Hand on a reset that names the watched arm, and has the token of this run."""
-        requests, problem = self._requests, "token is not the one of this run"
+        requests, problem = self._requests, "token is not that of this run"
         if self._token is None:
-            problem = "this run was started without --reset-token, and obeys none"
+            problem = "this run was started without --reset-token, and refuses all resets"
         try:
             self._intake.check_arm(message)
             is_obeyed = self._is_token(message.token)

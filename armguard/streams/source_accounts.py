@@ -1,8 +1,8 @@
-"""What each source of obstacles has sent, held against its limits.
+"""Accounts of sources: enforces limits on the messages of each source.
 
-No source can take the loop's time or the table's room. What goes beyond a limit is refused as a
-whole, counted with source and limit, and a STOP while it lasts: obstacles that were not taken in
-may be anywhere.
+No source can use up the loop's time or the table's room. A message beyond a limit is refused as a
+whole, counted with source and limit, and a STOP while this lasts: obstacles that were refused may
+be anywhere.
 
 A short message is decoded first, and then charged to its source. A long one is charged first, by
 its header alone, and then decoded. So a message that is refused costs little, however long it is.
@@ -150,7 +150,7 @@ class SourceAccounts:
             )
         limits = account.limits
         if not account.allows_message(now):
-            found = "one more than a second may bring"
+            found = "above the rate limit"
             expected = f"max_message_rate, {limits.message_rate:g} a second at most"
         elif size > limits.message_size:
             found = f"{size} bytes long"

@@ -1,7 +1,7 @@
-"""The clocks that sources stamp with, and their stamps in the monitor's time.
+"""Converts stamps of sources' clocks to the monitor's time.
 
-A stamp that is translated is never too new. What it may be too old by is given with it, so that
-obstacles can be widened by what they may do in that time.
+A converted stamp is never too new. The time by which it may be too old is returned with it, so that
+errors of obstacles can be increased by their possible motion in that time.
 """
 
 from __future__ import annotations

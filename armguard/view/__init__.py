@@ -1,9 +1,9 @@
-"""The view: awareness in the browser, drawn by a process of its own.
+"""The view: shows a monitor's state in the browser, from its own process.
 
 A monitor publishes frames with a `FramePublisher`, which never waits for a view. The view
-process, which `launch` starts, keeps the newest one, turns it into
-drawing commands and serves Meshcat's viewer on the loopback interface. However slow or dead the
-view or a browser may be, no tick of the monitor is ever delayed by it.
+process, which `launch` starts, keeps the newest frame, turns it into drawing commands and serves
+Meshcat's viewer on the loopback interface. A slow or dead view or browser never delays a tick of
+the monitor.
 """
 
 from typing import TYPE_CHECKING

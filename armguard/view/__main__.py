@@ -15,18 +15,18 @@ from armguard.view.process import WatchOptions
 from armguard.view.viewer import watch
 
 NICENESS = 10
-"""Drawing gives way to whatever else the machine has to do: the monitor, above all."""
+"""Niceness of the view's process: all other work goes first, above all the monitor."""
 
 
 def main() -> int:
-    """Run a view until it is told to end. Returns the exit code."""
+    """Run a view until it is asked to end. Returns the exit code."""
     # What is left at the end goes with the process: to collect it would take up to 0.3 s.
     atexit.register(gc.freeze)
     os.nice(NICENESS)
     try:
         options = msgspec.json.decode(" ".join(sys.argv[1:]), type=WatchOptions)
     except msgspec.DecodeError:
-        sys.stderr.write("this is a process of armguard's: call armguard view ADDRESS instead\n")
+        sys.stderr.write("armguard starts this module: run `armguard view ADDRESS` instead\n")
         return 2
     try:
         asyncio.run(watch(options))

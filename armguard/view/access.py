@@ -1,10 +1,10 @@
-"""Who may see the page: what runs on this machine, or elsewhere who has the token of this start.
+"""Access to the page: for this machine, or from other machines with the token of this start.
 
-On the loopback interface requests must name this machine, or the address that the view listens on,
-so that no page of elsewhere reaches the view by a name that was made to resolve here. On any other
-interface there is a token: it is in the page's address, which is told where the view was started,
-and comes back as a cookie with whatever the page asks for. It goes over the network as it is: for
-eyes on the way use a tunnel.
+On the loopback interface, requests must name this machine or the address that the view listens on.
+This prevents DNS rebinding: a foreign page cannot reach the view by a name that resolves to this
+machine. On any other interface, requests must carry a token. It is part of the page's URL, which is
+printed at the start of the view, and the browser returns it as a cookie. The token is not encrypted
+on the network; use a tunnel on networks that you do not trust.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Access:
         host: Address of the interface to listen on.
 
     Attributes:
-        token: What requests must bring; empty on the loopback interface.
+        token: Token that requests must carry; empty on the loopback interface.
 
     Raises:
-        ArmguardError: The host is no address.
+        ArmguardError: The host is not an address.
     """
 
     def __init__(self, host: str = LOOPBACK) -> None:

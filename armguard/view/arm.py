@@ -1,9 +1,9 @@
-"""The arm as it is drawn: its visual meshes, and where each of its parts is.
+"""The drawn arm: its visual meshes, and the pose of each part.
 
-The meshes are opened here, in the process of the view: the monitor never needs them. Collada
-files go to the browser as they are, which knows their materials; all other geometry goes as the
-triangles that Pinocchio read. Where visual meshes cannot be read, the collision geometry takes
-their place, and a note says so.
+The process of the view opens the meshes; the monitor never needs them. Collada files are sent to
+the browser unchanged, which reads their materials. All other geometry is sent as the triangles that
+Pinocchio read. If visual meshes cannot be read, the collision geometry replaces them, and a note
+says so.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class Arm:
     """The arm of one scene.
 
     Args:
-        scene: Which robot, where, and its cover.
+        scene: The robot, its placement and its cover.
 
     Attributes:
-        notes: What could not be drawn as it should be, for people.
+        notes: Messages about what could not be drawn correctly.
         links: Number of each cover sphere's link, in the order of the scene's cover. Shape (n,).
 
     Raises:
@@ -89,7 +89,7 @@ class Arm:
         return self._place(*self._cover)
 
     def compute_levels(self) -> list[NDArray[np.float64]]:
-        """Spheres of each level of the cover's tree, alike. Shape (n, 4) each."""
+        """Spheres of each level of the cover's tree in the world, in [m]. Shape (n, 4) each."""
         return [self._place(*level) for level in self._levels]
 
     def compute_poses(self) -> list[tuple[str, NDArray[np.float64]]]:
@@ -125,7 +125,7 @@ class Arm:
         return commands
 
     def _gather(self, covers: Sequence[LinkCover]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """All spheres of these links in a row, and the joint of each."""
+        """All spheres of these links in one array, and the joint of each."""
         spheres = [cover.spheres for cover in covers]
         joints = np.repeat(
             [self._model.getJointId(cover.joint) for cover in covers],
@@ -164,7 +164,7 @@ class Arm:
 
 
 def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
-    """URDF, package folders, and where the locked joints rest."""
+    """URDF, package folders, and positions of the locked joints."""
     if scene.urdf:
         return Path(scene.urdf), list(scene.package_dirs), {}
     directory = find_robot(scene.robot)
@@ -178,9 +178,9 @@ def _locate(scene: SceneMessage) -> tuple[Path, list[str], dict[str, float]]:
 
 
 def _is_collada(path: str) -> bool:
-    """Whether the browser can be trusted to read the file just as Pinocchio does.
+    """Whether the browser reads the file in the same way as Pinocchio.
 
-    Meshcat's loader ignores units and the up axis, so they must be what a robot has.
+    Meshcat's loader ignores units and the up axis, so these must be metres and z.
     """
     if not path.lower().endswith(".dae"):
         return False

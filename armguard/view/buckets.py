@@ -1,4 +1,4 @@
-"""Buckets of imminence: how a schedule sees its pairs.
+"""Buckets of imminence: ranges of contact times, by which pairs are counted and coloured.
 
 A pair belongs to bucket k = floor(log2(tau / dt)), clipped to 0 ... 15: every bucket is twice as
 long as the one before.
@@ -32,6 +32,6 @@ def compute_buckets(contact_times: ArrayLike, period: float) -> NDArray[np.uint8
 
 
 def count_buckets(contact_times: ArrayLike, period: float) -> NDArray[np.int64]:
-    """How many contact times fall into each bucket; as `compute_buckets`. Shape (16,)."""
+    """Number of contact times in each bucket; see `compute_buckets`. Shape (16,)."""
     counts = np.bincount(compute_buckets(contact_times, period).ravel(), minlength=BUCKET_COUNT)
     return counts.astype(np.int64)

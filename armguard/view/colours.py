@@ -1,17 +1,17 @@
-"""One colour language: a palette, of which everything that is drawn names a colour by its number.
+"""The palette of the view: everything that is drawn refers to a colour by its number.
 
 Bodies and pairs have the colour of their bucket of imminence: one scale from imminent (amber) over
-coral and magenta to far (blue), in steps that look alike, whose lightness falls from bucket to
-bucket for every kind of eye. Where a page asks for it, they have the colour of the level that
-their own contact time earns instead. Levels are told apart by eyes that do not tell red from green,
-or blue from yellow; tests simulate them. No colour stands alone: levels have words and signs,
-buckets have times, and what was refused is drawn with edges.
+coral and magenta to far (blue), in perceptually equal steps. Lightness falls from bucket to bucket,
+also for colour-blind viewers. A page can request colours by level instead, from the contact time of
+each body or pair. Viewers with red-green or blue-yellow blindness can distinguish the levels; tests
+simulate them. No meaning depends on colour alone: levels have words and signs, buckets have times,
+and refused obstacles are drawn with edges.
 
-The palette has each colour twice: for a dark page, and for a light one, where what is imminent is
-darkest.
+The palette has each colour twice: for a dark page and for a light page. On the light page, imminent
+contact is darkest.
 
-By level nothing is drawn as more alarming than the verdict. An arm that rests before contact is not
-told to stop, however short the contact time; then it is not red either.
+Colours by level are never more alarming than the verdict. An arm that is at rest before contact
+gets no STOP, however short the contact time; so nothing is red then.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from armguard.view.buckets import BUCKET_COUNT, compute_buckets
 
 LEVELS = ("STOP", "SLOW", "AWARE", "CLEAR")
 LEVEL_SIGNS = ("■", "▼", "▲", "●")
-"""Beside the word, for those who see no colours."""
+"""Sign of each level beside its word, readable without colours."""
 
 THEMES = ("dark", "light")
 LEVEL_COLOURS = {
@@ -42,7 +42,8 @@ BUCKET_COLOURS = {
         *("#af6c84", "#b67594", "#bd7fa5", "#c18ab7", "#c395c8", "#c3a1da", "#c1aeeb", "#bdbbfc"),
     ),
 }
-"""Found by a search for equal steps in lightness that every eye of the tests tells apart."""
+"""Found by a search for equal steps in lightness that all simulated viewers of the tests
+distinguish."""
 
 _OTHER_COLOURS = {
     "dark": ("#8b3df5", "#6f7d8c", "#ffffff", "#93a1b0", "#ff6b6b", "#7bd88f", "#6ba8ff"),
@@ -50,18 +51,18 @@ _OTHER_COLOURS = {
 }
 _STILL_GREY = {"dark": "#7d8894", "light": "#9aa5b1"}
 STILL_SHARE = 0.6
-"""How much of the colour of what stands still is grey."""
+"""Share of grey in the colour of statics."""
 
 FIRST_LEVEL = BUCKET_COUNT
 """Number of the colour of STOP; those of the other levels follow."""
 PROVED = FIRST_LEVEL + LEVELS.index("CLEAR")
-"""Of a motion on which nothing can touch the arm."""
+"""Colour of a motion on which nothing can touch the arm."""
 REFUSED, UNWATCHED, INK, PALE, AXIS_X, AXIS_Y, AXIS_Z = range(
     FIRST_LEVEL + len(LEVELS), FIRST_LEVEL + len(LEVELS) + 7
 )
 """Numbers of the other colours."""
 STILL = AXIS_Z + 1
-"""What is added to the number of a colour to have it greyer."""
+"""Offset from the number of a colour to its greyer version."""
 
 
 class Paints(NamedTuple):
@@ -70,16 +71,16 @@ class Paints(NamedTuple):
     by_bucket: NDArray[np.uint8]
     """Shape (n,)."""
     by_level: NDArray[np.uint8]
-    """The same, where a page asks for the colours of levels. Shape (n,)."""
+    """The same for pages that request colours by level. Shape (n,)."""
 
     @classmethod
     def of(cls, paint: int, count: int) -> Paints:
-        """One colour for so many bodies."""
+        """One colour for a number of bodies."""
         paints = np.full(count, paint, dtype=np.uint8)
         return cls(paints, paints)
 
     def take(self, rows: ArrayLike | slice) -> Paints:
-        """Those of some of the bodies."""
+        """Colours of some of the bodies."""
         return Paints(self.by_bucket[rows], self.by_level[rows])  # type: ignore[index]
 
 
@@ -89,7 +90,7 @@ def parse_colour(code: str) -> NDArray[np.float64]:
 
 
 def compute_palette(theme: str) -> NDArray[np.float64]:
-    """The colours that paints number, in sRGB from 0 to 1, of one of `THEMES`. Shape (n, 3)."""
+    """All colours of one of `THEMES` by number, in sRGB from 0 to 1. Shape (n, 3)."""
     codes = (*BUCKET_COLOURS[theme], *LEVEL_COLOURS[theme], *_OTHER_COLOURS[theme])
     colours = np.array([parse_colour(code) for code in codes])
     greyer = colours + STILL_SHARE * (parse_colour(_STILL_GREY[theme]) - colours)
@@ -99,13 +100,13 @@ def compute_palette(theme: str) -> NDArray[np.float64]:
 def find_levels(
     contact_times: ArrayLike, stop_time: float, margins: tuple[float, float], level: str
 ) -> NDArray[np.int64]:
-    """Numbers of the levels that contact times earn, 0 for STOP to 3 for CLEAR.
+    """Numbers of the levels of contact times, 0 for STOP to 3 for CLEAR.
 
     Args:
         contact_times: In [s]; NaN is unknown and counts as 0. Shape (n,).
-        stop_time: In which the arm rests, in [s].
-        margins: Beyond that, in [s], below which the level is SLOW, and AWARE.
-        level: The verdict's; none of the answers is lower.
+        stop_time: Time until the arm is at rest, in [s].
+        margins: Margins beyond the stop time, in [s], below which the level is SLOW, and AWARE.
+        level: Level of the verdict; no answer is lower.
     """
     times = np.asarray(contact_times, dtype=np.float64)
     found = np.zeros(times.shape, dtype=np.int64)
@@ -121,7 +122,7 @@ def choose_paints(
     margins: tuple[float, float],
     level: str,
 ) -> Paints:
-    """Colours of what has these contact times; see `compute_buckets` and `find_levels`."""
+    """Colours of bodies with these contact times; see `compute_buckets` and `find_levels`."""
     levels = FIRST_LEVEL + find_levels(contact_times, stop_time, margins, level)
     return Paints(compute_buckets(contact_times, period), levels.astype(np.uint8))
 
@@ -130,11 +131,11 @@ def describe_levels(margins: tuple[float, float]) -> list[dict[str, str | int]]:
     """The legend of the levels: name, sign, number of the colour, and meaning of each.
 
     Args:
-        margins: Beyond the stopping time, in [s], below which the level is SLOW, and AWARE.
+        margins: Margins beyond the stop time, in [s], below which the level is SLOW, and AWARE.
     """
     slow, aware = (f"{1e3 * margin:.0f} ms" for margin in margins)
     meanings = (
-        "before the arm can rest",
+        "before the arm can be at rest",
         f"up to {slow} after that",
         f"up to {aware} after that",
         "later",

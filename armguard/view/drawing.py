@@ -1,8 +1,8 @@
 """Drawing commands for the page: Meshcat's own, and a few that it lacks.
 
-Meshcat replaces a whole object for every change, and compiles its shaders anew. What changes
-thirty times a second (balls, rods, lines, hulls) therefore has commands of its own, which the page
-answers by refilling its buffers. Each command has a key; of each key only the latest counts.
+Meshcat replaces a whole object for every change, and compiles its shaders again. Objects that
+change 30 times a second (balls, rods, lines, hulls) therefore have their own commands, for which
+the page refills its buffers. Each command has a key; a newer command with the same key replaces it.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class Command(NamedTuple):
     """One packed command."""
 
     key: str
-    """What it sets; a later command of the same key replaces this one."""
+    """Key; a later command with the same key replaces this one."""
     payload: bytes
-    """msgpack, as the page takes it."""
+    """The command in msgpack, as the page reads it."""
 
 
 def draw_collada(path: str, text: str) -> Command:
@@ -41,7 +41,7 @@ def draw_collada(path: str, text: str) -> Command:
 
 
 def draw_triangles(path: str, triangles: ArrayLike, colour: tuple[float, ...]) -> Command:
-    """A mesh of triangles, in [m], shape (n, 3, 3), of one colour, flatly shaded."""
+    """A mesh of triangles, in [m], shape (n, 3, 3), in one colour with flat shading."""
     position = {
         "itemSize": 3,
         "type": "Float32Array",
@@ -70,29 +70,29 @@ def draw_triangles(path: str, triangles: ArrayLike, colour: tuple[float, ...]) -
 
 
 def move(path: str, pose: NDArray[np.float64]) -> Command:
-    """Place what is drawn at `path`. `pose` is homogeneous, in [m]. Shape (4, 4)."""
+    """Place the object at `path`. `pose` is homogeneous, in [m]. Shape (4, 4)."""
     matrix = pose.T.ravel().tolist()
     return _pack("set_transform", path, {"matrix": matrix})
 
 
 class Look(NamedTuple):
-    """How bodies are drawn beside their colours."""
+    """How bodies are drawn, apart from their colours."""
 
     opacity: float = 1.0
-    """0 to 1."""
+    """Opacity, 0 to 1."""
     segments: int = 20
-    """Flat pieces that go around a body; fewer where there are many."""
+    """Number of flat pieces around a body; fewer if there are many bodies."""
     is_wire: bool = False
     """Whether edges are drawn alone."""
 
 
 class Labels(NamedTuple):
-    """What a pointer over bodies is told."""
+    """Labels that a pointer over bodies shows."""
 
     names: Sequence[str] = ()
-    """Of each body; empty: they are not pointed at."""
+    """Label of each body; empty: no labels."""
     times: ArrayLike = ()
-    """Contact time of each, in [s]; empty: they have none."""
+    """Contact time of each body, in [s]; empty: no contact times."""
 
 
 NO_LABELS = Labels()
@@ -108,11 +108,11 @@ def draw_balls(
     """Balls in one instanced mesh.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Path in the tree of the scene.
         balls: Centre and radius in the world, in [m]. Shape (n, 4).
         paints: Their colours.
         look: How they are drawn.
-        labels: What a pointer is told.
+        labels: Labels that a pointer shows.
     """
     balls = np.asarray(balls, dtype=np.float32).reshape(-1, 4)
     centres, radii = balls[:, :3], balls[:, 3]
@@ -134,12 +134,12 @@ def draw_rods(
     """Open cylinders around segments, in one instanced mesh.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Path in the tree of the scene.
         segments: End points in the world, in [m]. Shape (n, 2, 3).
         radii: In [m]. Shape (n,).
         paints: Their colours.
         look: How they are drawn.
-        labels: What a pointer is told.
+        labels: Labels that a pointer shows.
     """
     ends = np.asarray(segments, dtype=np.float64).reshape(-1, 2, 3)
     axis = ends[:, 1] - ends[:, 0]
@@ -163,7 +163,7 @@ def draw_lines(path: str, segments: ArrayLike, paints: Paints, opacity: float = 
     """Thin lines in one object.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Path in the tree of the scene.
         segments: End points in the world, in [m]. Shape (n, 2, 3).
         paints: Their colours.
         opacity: 0 to 1.
@@ -185,13 +185,13 @@ def draw_surface(
     """Triangles that may change, in one object.
 
     Args:
-        path: Where in the tree of the scene.
+        path: Path in the tree of the scene.
         triangles: Corners in the world, in [m]. Shape (n, 3, 3).
-        owners: How many triangles each body has, in their order.
+        owners: Number of triangles of each body, in order.
         paints: Colours of the bodies.
         opacity: 0 to 1.
-        labels: What a pointer is told of each body.
-        is_on_top: Whether it is seen through what lies before it.
+        labels: Label of each body that a pointer shows.
+        is_on_top: Whether it is drawn over objects in front of it.
     """
     content = {
         "positions": pack_floats(triangles),
@@ -210,7 +210,7 @@ def delete(path: str) -> Command:
 
 
 def show(panel: str, content: Mapping[str, Any]) -> Command:
-    """Tell the page something beside the drawing: `banner`, `legend`, `camera` or `news`."""
+    """Send the page a message other than drawing: `banner`, `legend`, `camera` or `news`."""
     return _pack(panel, "", content)
 
 
@@ -253,5 +253,5 @@ def _pack(kind: str, path: str, content: Mapping[str, Any]) -> Command:
 
 
 def pack_floats(values: ArrayLike) -> msgspec.msgpack.Ext:
-    """Numbers as the page's Float32Array, in a row."""
+    """Numbers as one flat Float32Array of the page."""
     return msgspec.msgpack.Ext(_FLOAT32, np.ascontiguousarray(values, dtype="<f4").tobytes())

@@ -1,8 +1,8 @@
-"""Writes a film as one HTML file that plays offline: page, viewer and moments, nothing else.
+"""Writes a film as one HTML file that plays offline, with page, viewer and moments.
 
-The page's modules name each other by relative paths, which a file has none of: they become bare
-names, and an import map leads from these to the modules' own text. What is drawn stands below as
-gzipped MessagePack in base64, just as a browser is handed it by the server.
+The page's modules import each other by relative paths, which do not exist in a single file. They
+become bare names, and an import map maps these to the modules' text. The drawing commands follow as
+gzipped MessagePack in base64, in the form that the server sends to browsers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from armguard.view.page_state import FilmPosition, PageState
 from armguard.view.server import PAGE, VIEWER
 
 MOST_BYTES = 200_000_000
-"""Of all moments, before they are packed."""
+"""Greatest size of all moments, before compression, in [bytes]."""
 
 PREFIX = "armguard/"
 
@@ -37,10 +37,10 @@ def write_export(
     """Write the file.
 
     Args:
-        path: Where to.
-        values: The latest of all drawing commands, meshes among them.
-        page_state: Has the film.
-        draw_past: Draws the moment of a number, with the stopping volume or without.
+        path: Path of the file.
+        values: The latest drawing commands, including meshes.
+        page_state: Holds the film.
+        draw_past: Draws the moment with a given number, with or without the stopping volume.
 
     Raises:
         ArmguardError: There is nothing to write, or the file cannot be written.
@@ -74,17 +74,17 @@ def write_export(
 
 
 def check_export(path: Path) -> None:
-    """Refuse a place that nothing can be written to, before a run rather than after it.
+    """Refuse a path that cannot be written, before the run rather than after it.
 
     Raises:
-        ArmguardError: There is no such folder, or something else stands there.
+        ArmguardError: The folder does not exist, or the path is not a file.
     """
     if path.is_dir() or not path.resolve().parent.is_dir():
-        raise ArmguardError(str(path), "cannot be written", expected="a file in a folder that is")
+        raise ArmguardError(str(path), "cannot be written", expected="a file in an existing folder")
 
 
 def _fill_page(film: bytes) -> str:
-    """The page with everything in it that it else fetches."""
+    """The page with all files that it otherwise fetches."""
     page = (PAGE / "index.html").read_text(encoding="utf-8")
     modules = {
         PREFIX + file.name: _make_address(

@@ -1,7 +1,7 @@
-"""Legs for a person of whom only the upper body is tracked, so that it reads as a person.
+"""Draws legs for a person whose upper body alone is tracked, so that it looks like a person.
 
-They are drawn for the eye, as thin lines, and are watched by nothing: where a source reports bodies
-named as in `armguard.lab.simulation.bodies`, two lines lead from the hip to the floor.
+The legs are thin lines for display only; the monitor does not watch them. If a source reports
+bodies named as in `armguard.lab.simulation.bodies`, two lines go from the hip to the floor.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FOOT = 0.22  # in [m]
 
 
 def draw_legs(places: Mapping[str, Array], floor: float) -> Array:
-    """Lines of both legs and feet, in [m]; none where no hip is seen above the floor.
+    """Lines of both legs and feet, in [m]; none without a hip above the floor.
 
     Args:
         places: First point of each obstacle, in the world, in [m], by its name. Shape (3,) each.

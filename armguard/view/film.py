@@ -1,8 +1,9 @@
-"""The past that a page can go back to: moments as they came, and what happened in them.
+"""The past that a page can show: moments and events.
 
-Ten moments a second are kept, each with the worst that the frames since the one before it said: a
-STOP between two moments is seen. Of a live monitor the last minutes are kept; of a recording all
-of it, with every other moment dropped whenever there are too many. Memory is bounded either way.
+Ten moments a second are kept. Each has the worst values of the frames since the moment before, so
+that a STOP between two moments is visible. Of a live monitor, the last minutes are kept. A
+recording is kept whole; if there are too many moments, every other one is dropped. Memory is
+bounded in both cases.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from armguard.view.colours import LEVELS
 from armguard.view.messages import FrameMessage
 
 INTERVAL = 0.1
-"""Between two moments, in [s]."""
+"""Time between two moments, in [s]."""
 
 SPAN = 180.0
 """How much of a live monitor's past is kept, in [s]."""
@@ -26,41 +27,41 @@ MOST_MOMENTS = 6000
 MOST_EVENTS = 500
 
 QUIET = 1.0
-"""How long a fault must have been gone to be told as an event again, in [s]."""
+"""How long a fault must be absent before it is reported as an event again, in [s]."""
 
 STOP = LEVELS[0]
 
 
 class Moment(NamedTuple):
-    """One moment; the strip is made of them."""
+    """One moment of the strip."""
 
     number: int
-    """Rises from moment to moment."""
+    """Number of the moment; increases."""
     now: float
     """Time of the monitor, in [s]."""
     wall: float
-    """Time of day, in [s] since 1970; 0 where that is not told."""
+    """Time of day, in [s] since 1970; 0: unknown."""
     level: str
-    """The lowest since the moment before."""
+    """The lowest level since the moment before."""
     contact_time: float
-    """The shortest since the moment before, in [s]."""
+    """The least contact time since the moment before, in [s]."""
     stop_time: float
     """In [s]."""
     speed_scale: float
-    """The least since the moment before."""
+    """The least speed scale since the moment before."""
     harm_time: float | None
-    """As the contact time, of contact that no limit permits; None: no limits are stated."""
+    """The least harm time since the moment before, in [s]; None: no contact limits."""
     pace: float | None
-    """Of the shield that moves the arm, the least since the moment before; None: there is none."""
+    """The shield's least pace since the moment before; None: no shield."""
     payload: bytes
-    """The frame, as it came."""
+    """The received frame."""
 
 
 class Event(NamedTuple):
-    """Something that happened."""
+    """An event in the past of a monitor."""
 
     number: int
-    """Of the moment in which it did."""
+    """Number of its moment."""
     now: float
     """Time of the monitor, in [s]."""
     kind: str
@@ -75,8 +76,8 @@ class Film:
     Attributes:
         moments: The earliest first.
         events: The earliest first.
-        edition: Goes up whenever moments before the last one have vanished or changed.
-        interval: Between two moments, in [s].
+        edition: Increases whenever moments before the last one were dropped or changed.
+        interval: Time between two moments, in [s].
     """
 
     def __init__(self) -> None:
@@ -84,10 +85,10 @@ class Film:
         self.clear()
 
     def clear(self, *, is_recording: bool = False) -> None:
-        """Forget everything.
+        """Drop all moments and events.
 
         Args:
-            is_recording: Whether what comes is kept from its beginning to its end.
+            is_recording: Whether the next frames are those of a recording, to be kept whole.
         """
         self._is_recording = is_recording
         self.interval = INTERVAL
@@ -100,11 +101,11 @@ class Film:
         self.edition += 1
 
     def add(self, frame: FrameMessage, payload: bytes) -> None:
-        """Take the next frame.
+        """Add the next frame.
 
         Args:
             frame: The frame.
-            payload: The same, as it came.
+            payload: The same frame in its packed form.
         """
         if self._last is not None and frame.now < self._last.now:
             # Another life of the monitor: its clock began anew.
@@ -137,12 +138,12 @@ class Film:
         self._last = frame
 
     def settle(self) -> None:
-        """Keep the last frame as a moment, however soon it came after the one before."""
+        """Keep the last frame as a moment, even if the moment before is recent."""
         if self._open is not None:
             self._keep(self._open)
 
     def find(self, number: int) -> Moment | None:
-        """The moment of this number, or the last one before it; None where there is none."""
+        """The moment with this number, or the last one before it; None if there is none."""
         after = bisect.bisect_right(self.moments, number, key=lambda moment: moment.number)
         return self.moments[max(after - 1, 0)] if self.moments else None
 
@@ -165,7 +166,7 @@ class Film:
                 self.events.popleft()
 
     def _thin_out(self) -> None:
-        """Drop every other moment in which nothing happened; what it said worst is kept."""
+        """Drop every other moment without events; its worst values are merged into the next."""
         told = {event.number for event in self.events}
         kept: deque[Moment] = deque()
         pending: Moment | None = None
@@ -184,7 +185,7 @@ class Film:
         self.edition += 1
 
     def _find_events(self, frame: FrameMessage) -> dict[str, str]:
-        """What has happened since the frame before, in words, by kind."""
+        """The events since the frame before, in words, by kind."""
         events: dict[str, str] = {}
         verdict, last = frame.verdict, self._last
         first = verdict.reasons[0] if verdict.reasons else ""
@@ -211,12 +212,12 @@ class Film:
         if before and not frame.latches:
             events["reset"] = "reset: nothing is latched any more"
         if last is not None and frame.refused_resets > last.refused_resets:
-            events["refused"] = "a reset was refused: its token is not the one of this run"
+            events["refused"] = "a reset was refused: its token is not that of this run"
         return events
 
 
 def _merge(before: Moment, after: Moment) -> Moment:
-    """The later moment, with the worst of both."""
+    """The later moment, with the worst values of both."""
     worst = before if _rank(before.level) < _rank(after.level) else after
     harm_times = [one.harm_time for one in (before, after) if one.harm_time is not None]
     paces = [one.pace for one in (before, after) if one.pace is not None]

@@ -1,8 +1,7 @@
-"""Keeps the latest value of each drawing command, and what each browser has yet to be told.
+"""Keeps the latest value of each drawing command, and which values each browser still needs.
 
-A browser that is new is owed every value; one that is slow is owed, for each key, only the value
-of the moment when it next asks. Memory is therefore bounded by the number of keys, whatever the
-browsers do.
+A new browser needs every value. A slow browser gets, for each key, only the latest value when it
+asks next. Memory is therefore bounded by the number of keys, whatever the browsers do.
 """
 
 from __future__ import annotations
@@ -12,21 +11,21 @@ from collections.abc import Iterable, Sequence
 from armguard.view.drawing import Command
 
 BUNDLE_BYTES = 500_000
-"""Commands are handed over in bundles of about this size: no browser waits for all meshes."""
+"""Approximate size of a bundle of commands, so that no browser waits for all meshes at once."""
 
 LARGE = 50_000
-"""What is larger, as meshes are, comes after all else: figures and balls are there at once."""
+"""Larger commands, such as meshes, are sent last, so that figures and balls appear at once."""
 
 
 class Reader:
-    """One browser's claim on the latest values; made by `LatestValues.attach`."""
+    """The values that one browser still needs; made by `LatestValues.attach`."""
 
     def __init__(self, values: dict[str, bytes]) -> None:
         self._values = values
         self._owed = dict.fromkeys(values)
 
     def owes(self, prefix: str = "") -> bool:
-        """Whether there is anything that the browser has yet to be told, of keys that begin so."""
+        """Whether the browser still needs values of keys with this prefix."""
         return any(key.startswith(prefix) for key in self._owed)
 
     def owe(self, key: str) -> None:
@@ -34,19 +33,19 @@ class Reader:
         self._owed[key] = None
 
     def owe_again(self, keys: Iterable[str]) -> None:
-        """Note that the browser shows something else than the latest values of these keys."""
+        """Note that the browser does not show the latest values of these keys."""
         self._owed.update(dict.fromkeys(key for key in keys if key in self._values))
 
     def restart(self) -> None:
-        """Forget what was owed: no value holds any more."""
+        """Drop all owed values: none is valid any more."""
         self._owed.clear()
 
     def take(self, preface: bytes, prefix: str = "") -> bytes | None:
-        """The next bundle, a msgpack array of commands, or None if nothing is owed.
+        """The next bundle, a msgpack array of commands; None if the browser needs nothing.
 
         Args:
             preface: A packed command to put before the others.
-            prefix: What the others' keys begin with.
+            prefix: Prefix of the other commands' keys.
         """
         parts = self._take_some(prefix)
         return join([preface, *parts]) if parts else None
@@ -70,7 +69,7 @@ def join(payloads: Sequence[bytes]) -> bytes:
 
 
 class LatestValues:
-    """The latest value of each key, in the order in which the keys first came."""
+    """The latest value of each key, in the order in which the keys were first set."""
 
     def __init__(self) -> None:
         self._values: dict[str, bytes] = {}
@@ -78,7 +77,7 @@ class LatestValues:
 
     @property
     def payloads(self) -> list[bytes]:
-        """All values, in the order in which their keys first came."""
+        """All values, in the order in which their keys were first set."""
         return list(self._values.values())
 
     def set(self, command: Command) -> None:
@@ -90,18 +89,18 @@ class LatestValues:
             reader.owe(command.key)
 
     def clear(self, command: Command) -> None:
-        """Drop all values; `command` tells browsers to forget what they have drawn."""
+        """Drop all values; `command` makes browsers delete all that they have drawn."""
         self._values.clear()
         for reader in self._readers:
             reader.restart()
         self.set(command)
 
     def attach(self) -> Reader:
-        """A new reader, to which all values are new."""
+        """A new reader, which needs all values."""
         reader = Reader(self._values)
         self._readers.add(reader)
         return reader
 
     def detach(self, reader: Reader) -> None:
-        """Forget a reader."""
+        """Remove a reader."""
         self._readers.discard(reader)

@@ -10,7 +10,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def listen(port: int, host: str = LOOPBACK) -> socket.socket:
-    """A socket that accepts connections at a TCP port of an interface; 0: any that is free.
+    """A socket that accepts connections at a TCP port of an interface; 0: any free port.
 
     Raises:
         ArmguardError: There is no such port or interface, or the port is in use.
@@ -25,7 +25,7 @@ def listen(port: int, host: str = LOOPBACK) -> socket.socket:
         raise ArmguardError(
             f"port {port} on {host}",
             f"cannot be used by the view: {error}",
-            remedy="name another port, or 0 for any that is free",
+            remedy="name another port, or 0 for any free port",
         ) from error
     listener.setblocking(False)
     return listener

@@ -1,10 +1,10 @@
-"""The feed of the view: what a monitor tells it.
+"""The feed of the view: the messages from a monitor to its views.
 
-Three messages in msgpack: a `SceneMessage` says what does not change (robot, placement, cover) and
-is repeated, so that a view that attaches late gets it as well; a `FrameMessage` is one moment; a
-`StatusMessage` says what a monitor does that has no moments yet, or no more.
-Arrays travel as packed little-endian bytes, because thirty frames a second are made within the
-loop of the monitor. Anything that arrives is checked once, in `decode_message`.
+There are three messages, in msgpack. A `SceneMessage` has what does not change: robot, placement,
+cover. It is repeated, so that a view that attaches late also gets it. A `FrameMessage` is one
+moment. A `StatusMessage` describes a monitor before its first or after its last moment. Arrays are
+packed little-endian bytes, because the loop of the monitor makes 30 frames a second.
+`decode_message` checks each received message once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from armguard.exceptions import ArmguardError
 from armguard.view.buckets import BUCKET_COUNT
 
 FEED_VERSION = 2
-"""Goes up when a view that was made before could misread what is told now."""
+"""Version of the feed; increases when an older view could misread a message."""
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -34,7 +34,7 @@ def _pack(values: ArrayLike, dtype: str) -> bytes:
 
 
 def _unpack(field: str, dtype: str, *shape: int) -> Any:
-    """A property: what a packed field holds, as an array."""
+    """A property that unpacks a field into an array."""
     return property(lambda self: np.frombuffer(getattr(self, field), dtype).reshape(shape or -1))
 
 
@@ -61,15 +61,15 @@ class LinkCover(msgspec.Struct, frozen=True):
 
 
 class StoppingRule(msgspec.Struct, frozen=True, kw_only=True):
-    """What a view needs to find where the arm can be until it rests.
+    """Data to compute where the arm can be until it is at rest.
 
     Attributes:
         robot: The robot as plain data, in JSON (`armguard.robot.portable`).
-        response_time: Until the next verdict is obeyed, in [s].
-        reaction_time: From a STOP to braking torque, in [s].
-        velocity: What joints keep to, in [rad]/[s] or [m]/[s].
-        acceleration: With which they speed up at most, in [rad]/[s²] or [m]/[s²].
-        payload: What the arm carries at most, in [kg].
+        response_time: Time until the next verdict is obeyed, in [s].
+        reaction_time: Time from a STOP to braking torque, in [s].
+        velocity: Operating velocities of the joints, in [rad]/[s] or [m]/[s].
+        acceleration: Operating accelerations of the joints, in [rad]/[s²] or [m]/[s²].
+        payload: Greatest payload, in [kg].
     """
 
     robot: bytes
@@ -81,18 +81,18 @@ class StoppingRule(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Origin(msgspec.Struct, frozen=True, kw_only=True):
-    """What a view cannot know from the monitor alone.
+    """Facts for a view that the monitor does not know.
 
     Attributes:
-        urdf: Path of a URDF that armguard does not come with; the view itself reads its meshes.
+        urdf: Path of the URDF of a robot that armguard does not know; the view reads its meshes.
         package_dirs: Folders in which its `package://` names are looked up.
-        reset_address: Where the monitor takes a reset; empty: from its standard input alone.
-        obeys_reset: Whether it obeys one that brings its token.
-        arm: Which arm a reset has to name; empty where the cell has one.
-        is_recorded: Whether frames come from a recording, each to be kept and none to be dropped;
-            then no tick waits, and each STOP can be explained.
-        recording: File to which this run is recorded; empty: to none.
-        configuration: Digest of what the monitor was made with; empty: it is not told.
+        reset_address: Address at which the monitor reads resets; empty: from standard input only.
+        obeys_reset: Whether it obeys a reset that carries its token.
+        arm: Name of the arm that a reset must carry; empty in a cell with one arm.
+        is_recorded: Whether frames come from a recording. Then every frame is kept, since no tick
+            waits, and each STOP can be explained.
+        recording: File of the run's recording; empty: none.
+        configuration: Digest of the monitor's configuration; empty: unknown.
     """
 
     urdf: str = ""
@@ -114,12 +114,12 @@ class SceneMessage(Origin, frozen=True, tag="scene", kw_only=True):
         base: Pose of the URDF's root in the world, a homogeneous matrix in row-major order.
         cover: The arm's spheres; their order is that of `FrameMessage.sphere_times`.
         period: One tick of the monitor, in [s]: the unit of the buckets.
-        slow_margin: Beyond the stopping time, in [s]: SLOW below.
-        aware_margin: Beyond the stopping time, in [s]: AWARE below.
+        slow_margin: Margin beyond the stop time, in [s], below which the level is SLOW.
+        aware_margin: Margin beyond the stop time, in [s], below which the level is AWARE.
         levels: The levels of the cover's tree, coarsest first; each covers the whole arm.
         sensors: Frames that obstacles are measured in: name and pose in the world, row-major.
-        stopping: How the arm stops; None where that is not told.
-        version: Of the feed.
+        stopping: How the arm stops; None: unknown.
+        version: Version of the feed.
     """
 
     robot: str
@@ -136,12 +136,12 @@ class SceneMessage(Origin, frozen=True, tag="scene", kw_only=True):
 
 
 class StatusMessage(msgspec.Struct, frozen=True, tag="status", kw_only=True):
-    """What a monitor does while it has no moment to show.
+    """State of a monitor that has no moment to show.
 
     Attributes:
         text: In words, such as "compiling kernel 12 of about 220".
         is_over: Whether no moment will follow.
-        version: Of the feed.
+        version: Version of the feed.
     """
 
     text: str
@@ -150,7 +150,7 @@ class StatusMessage(msgspec.Struct, frozen=True, tag="status", kw_only=True):
 
 
 class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What the banner of the view says.
+    """The part of a verdict that the view shows.
 
     Attributes:
         level: Name of the level: STOP, SLOW, AWARE or CLEAR.
@@ -160,18 +160,18 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
         link: Link of the pair that decides; empty if none.
         obstacle: Obstacle of that pair.
         complete: Whether every pair was evaluated in time.
-        reasons: What the verdict rests on, in plain words.
+        reasons: Reasons of the verdict, in words.
         effects: What each reason does to the level: "note", "standing" or "latched".
-        since: When this level was taken on, in [s] of the monitor; None: not told.
-        cause: What it began with, in plain words; empty where it is latched, or not told.
+        since: Time at which this level began, in [s] of the monitor; None: unknown.
+        cause: Cause of its beginning, in words; empty if it is latched or unknown.
         rises_at: The earliest time at which a level that is held may rise, in [s] of the monitor;
             None: it is not held.
-        harm_time: Earliest contact from now that no contact limit permits, in [s]; None: no limits
-            are stated.
-        contact_speed: How fast an obstacle could be touched before the arm rests, in [m/s]; None:
-            no limits are stated.
-        proved_until: When the arm rests at the latest, if it follows the proved piece that it is
-            on, in [s] of the monitor; None: it is on none.
+        harm_time: Earliest contact from now that no contact limit permits, in [s]; None: no contact
+            limits.
+        contact_speed: Greatest speed of contact before the arm is at rest, in [m/s]; None: no
+            contact limits.
+        proved_until: Latest time at which the arm is at rest if it follows its committed piece, in
+            [s] of the monitor; None: it is on no proved piece.
     """
 
     level: str
@@ -192,13 +192,13 @@ class VerdictSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CommandSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """What a shield commands.
+    """Summary of a shield's command.
 
     Attributes:
-        scale: How fast the arm goes, of what was asked for, 0 to 1.
-        reason: Why it is slower, in plain words; empty: it is not.
-        progress: How far the arm has come on its path, 0 to 1.
-        is_proved: Whether the motion is proved to its rest; else the arm is to brake.
+        scale: Pace of the arm as a fraction of the requested pace, 0 to 1.
+        reason: Why it is slower, in words; empty if it is not.
+        progress: Progress of the arm on its path, 0 to 1.
+        is_proved: Whether the motion is proved until rest; if not, the arm must brake.
     """
 
     scale: float
@@ -208,14 +208,14 @@ class CommandSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Load(msgspec.Struct, frozen=True, kw_only=True):
-    """How hard the monitor works.
+    """Load of the monitor.
 
     Attributes:
         ticks: Ticks so far.
         late: How many of them came late.
         evaluated: Contact-time evaluations in the last one.
-        p50: Half of the ticks took no longer, in [s].
-        p99: 99 of a hundred took no longer, in [s].
+        p50: Median duration of a tick, in [s].
+        p99: 99th percentile of the duration of a tick, in [s].
     """
 
     ticks: int
@@ -226,13 +226,13 @@ class Load(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SourceReport(msgspec.Struct, frozen=True, kw_only=True):
-    """How a source of states is heard.
+    """State of a source.
 
     Attributes:
-        name: Of the source; "robot" is what tells joint states.
-        age: Of what it told last, in [s]; None: it was never heard.
-        rate: How many messages came in the last second or so, in [Hz]; None: not known yet.
-        timeout: How old that may be, in [s]; None: as old as it likes.
+        name: Name of the source; "robot" sends joint states.
+        age: Age of its last message, in [s]; None: it never sent one.
+        rate: Rate of its messages during about the last second, in [Hz]; None: not known yet.
+        timeout: Greatest permitted age, in [s]; None: no timeout.
     """
 
     name: str
@@ -245,9 +245,9 @@ class Latch(msgspec.Struct, frozen=True, kw_only=True):
     """A reason that holds a STOP until a reset.
 
     Attributes:
-        reason: In plain words.
-        since: When it was first told, in [s] of the monitor.
-        remedy: What to do about it, in plain words.
+        reason: The reason in words.
+        since: Time at which it was first reported, in [s] of the monitor.
+        remedy: What to do about it, in words.
     """
 
     reason: str
@@ -278,12 +278,12 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
 
     Attributes:
         ids: Their names.
-        packed_counts: Points of each; uint8.
-        packed_points: All points in a row, in the world, in [m]; float32.
+        packed_counts: Number of points of each; uint8.
+        packed_points: All points in the world, flat, in [m]; float32.
         packed_radii: In [m]; float32.
         packed_refused: 1 where its latest state was refused; uint8.
         packed_times: Contact time of its most imminent pair, in [s]; float32.
-        packed_statics: 1 where it stands still for ever, 2 where it is an entrance; uint8.
+        packed_statics: 1 for a static, 2 for an entrance, else 0; uint8.
     """
 
     ids: tuple[str, ...] = ()
@@ -317,9 +317,9 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
             counts: Points of each obstacle; None: all of k. Shape (n,).
             refused: Whether its latest state was refused; None: none. Shape (n,).
             times: Contact time of its most imminent pair, in [s]; None: never. Shape (n,).
-            statics: Whether it stands still for ever; None: none does. Shape (n,).
-            entrances: Whether it is a region out of which a body may come at any moment; None: none
-                is. Each stands still as well. Shape (n,).
+            statics: Whether it is static; None: none is. Shape (n,).
+            entrances: Whether it is an entrance; None: none is. An entrance must also be static.
+                Shape (n,).
         """
         number = len(ids)
         stands = np.zeros(number, dtype="u1")
@@ -369,7 +369,7 @@ class ObstacleShapes(msgspec.Struct, frozen=True):
 
     @property
     def statics(self) -> NDArray[np.bool_]:
-        """Whether each stands still for ever, as entrances do. Shape (n,)."""
+        """Whether each is static, as entrances are. Shape (n,)."""
         return np.frombuffer(self.packed_statics, "u1") > 0
 
     @property
@@ -385,7 +385,7 @@ class Pairs(msgspec.Struct, frozen=True):
         packed_links: Number of each link, in the order of `SceneMessage.cover`; uint16.
         packed_obstacles: Number of each obstacle, in the order of the frame's; uint16.
         packed_times: Contact time of each, in [s]; float32.
-        packed_buckets: How many pairs sit in each bucket, 0 to 15; uint32. Empty: not told.
+        packed_buckets: Number of pairs in each bucket, 0 to 15; uint32. Empty: unknown.
     """
 
     packed_links: bytes = b""
@@ -416,7 +416,7 @@ class Pairs(msgspec.Struct, frozen=True):
     times = _unpack("packed_times", "<f4")
     """Contact time of each, in [s]. Shape (m,)."""
     buckets = _unpack("packed_buckets", "<u4")
-    """How many pairs sit in each bucket. Shape (16,), or (0,) where that is not told."""
+    """Number of pairs in each bucket. Shape (16,), or (0,) if unknown."""
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
@@ -426,24 +426,24 @@ class FrameMessage(msgspec.Struct, frozen=True, tag="frame", kw_only=True):
         sequence: Number of the tick; 0 while there is no joint state to judge.
         now: Time of the monitor, in [s].
         q: Joint positions, in [rad] or [m]. Length of `SceneMessage.joints`.
-        verdict: What the monitor says.
-        wall: Time of day, in [s] since 1970; 0 where that is not told.
-        v: Joint velocities, in [rad]/[s] or [m]/[s]; empty where they are not told.
-        arm_age: Of the joint state, in [s].
-        load: How hard the monitor works; None where that is not known.
-        sphere_times: Soonest contact of each cover sphere, in [s]; float32.
-        obstacles: What is in the cell.
-        omitted: How many obstacles, less imminent than those, are left out.
+        verdict: The verdict.
+        wall: Time of day, in [s] since 1970; 0: unknown.
+        v: Joint velocities, in [rad]/[s] or [m]/[s]; empty if unknown.
+        arm_age: Age of the joint state, in [s].
+        load: Load of the monitor; None: unknown.
+        sphere_times: Least contact time of each cover sphere, in [s]; float32.
+        obstacles: The obstacles in the cell.
+        omitted: Number of further, less imminent obstacles that are left out.
         pairs: The imminent pairs.
-        sources: How the sources of states are heard.
-        latches: What holds a STOP until a reset.
-        refused_resets: How many resets were refused so far.
-        obeyed_resets: How many resets were obeyed so far.
-        reach: Where the most imminent obstacle can be when the arm has come to rest.
-        plan: Where the arm is going as it was told: joint positions, float32, in rows of q.
-        path: Where it is asked to go beyond that, alike.
-        command: Of the shield that moves the arm; None: it is only watched.
-        explanation: Why the verdict is as it is, in lines; empty where nothing was asked.
+        sources: States of the sources.
+        latches: Reasons that hold a STOP until a reset.
+        refused_resets: Number of refused resets so far.
+        obeyed_resets: Number of obeyed resets so far.
+        reach: Balls that the most imminent obstacle can reach until the arm is at rest.
+        plan: Rest of the newest plan: joint positions, float32, in rows of q.
+        path: Rest of the shield's path beyond the plan, in the same form.
+        command: Command of the shield that moves the arm; None: the arm is only watched.
+        explanation: Explanation of the verdict in lines; empty if none was requested.
     """
 
     sequence: int
@@ -478,7 +478,7 @@ _decoder = msgspec.msgpack.Decoder(Message)
 
 
 def encode_message(message: Message) -> bytes:
-    """A message as it goes over the wire."""
+    """Encode a message for the wire."""
     return _encoder.encode(message)
 
 
@@ -486,7 +486,8 @@ def decode_message(payload: bytes) -> Message:
     """Read and check a message.
 
     Raises:
-        ArmguardError: It is malformed, contradicts itself, or is of a later version of the feed.
+        ArmguardError: The message is malformed or inconsistent, or is of a later version of the
+            feed.
     """
     try:
         message: Message = _decoder.decode(payload)
@@ -502,7 +503,7 @@ def decode_message(payload: bytes) -> Message:
 
 
 def _read_version(payload: bytes) -> int:
-    """Version of the feed that a message of unknown form states, 0 if it states none."""
+    """Version of the feed in a message of unknown form; 0 without a version."""
     try:
         found = msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, UnicodeDecodeError):
@@ -517,7 +518,7 @@ def _check_version(version: int) -> None:
             "feed",
             f"is of version {version}, which this view cannot read",
             expected=f"version {FEED_VERSION}",
-            remedy="start the view of the armguard that the monitor is of",
+            remedy="start the view with the armguard version of the monitor",
         )
 
 

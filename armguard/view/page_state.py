@@ -1,7 +1,7 @@
-"""What the view knows beside the picture: is there a monitor, what does it do, what has happened.
+"""State of the page apart from the picture: connection, status of the monitor, and past.
 
-Every bundle for a browser begins with this, as news: how old the present is, what the monitor says
-of itself while it has no moments, and what has been added to the strip since that browser was told.
+Every bundle for a browser begins with it as `news`: the age of the newest moment, the status of a
+monitor without moments, and additions to the strip since the last bundle for that browser.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from armguard.view.film import Film, Moment
 
 
 class FilmPosition:
-    """How much of the film a browser has received."""
+    """Position in the film up to which a browser has received it."""
 
     def __init__(self) -> None:
         self.edition = -1
         self.moment = 0
         self.events = 0
-        """Number of the last event that was told, counted from 1."""
+        """Number of the last event that was sent, counted from 1."""
 
 
 class PageState:
-    """Gathers what the page shows beside the picture.
+    """Collects what the page shows apart from the picture.
 
     Args:
-        address: Of the feed, for the page to say.
-        clock: In [s].
+        address: Address of the feed, which the page shows.
+        clock: Returns the time in [s].
 
     Attributes:
         film: The past.
-        status: What the monitor says of itself; empty: nothing.
-        is_over: Whether the monitor said that nothing will follow.
+        status: Status text of the monitor; empty: none.
+        is_over: Whether the monitor announced its end.
         is_connected: Whether a monitor is at the address; None: not known yet.
-        problem: Why the feed cannot be read; empty: it can.
+        problem: Why the feed cannot be read; empty if it can.
     """
 
     def __init__(self, address: str, clock: Callable[[], float] = time.monotonic) -> None:
@@ -51,12 +51,12 @@ class PageState:
         self._last_frame: float | None = None
 
     def note_frame(self) -> None:
-        """A frame has come: it is the present."""
+        """Note a new frame, which is now the newest moment."""
         self._last_frame = self._clock()
         self.status = self.problem = ""
 
     def tell(self, told: FilmPosition) -> bytes:
-        """The news for a browser; from now on it has been told them."""
+        """The news for a browser; marks them as sent."""
         film = self.film
         is_new = told.edition != film.edition
         if is_new:
@@ -83,7 +83,7 @@ class PageState:
 
 
 def describe_moment(moment: Moment) -> tuple[Any, ...]:
-    """A moment as the strip takes it."""
+    """A moment in the form that the strip reads."""
     level = LEVELS.index(moment.level) if moment.level in LEVELS else -1
     return (
         moment.number,

@@ -1,9 +1,8 @@
-"""What to draw: turns the feed's messages into the latest values of drawing commands.
+"""Turns the feed's messages into drawing commands.
 
-Everything that is coloured has the colour of its bucket of imminence, or, where a page asks for it,
-of the level that its contact time earns: a cover ball by its most imminent pair, an obstacle by its
-most imminent pair, a line by its pair. Of a refused obstacle the last accepted state is shown, with
-edges.
+Bodies and lines have the colour of their bucket of imminence, or of their level if a page requests
+it. A cover ball and an obstacle are coloured by their most imminent pair, a line by its pair. A
+refused obstacle is shown at its last accepted state, with edges.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ from armguard.view.stopping import StoppingVolume
 
 Array = NDArray[np.float64]
 Drawing = Generator[Command, None, Array]
-"""Commands, and after them where what was drawn is."""
+"""Commands that draw objects, followed by those that place them."""
 
 ROOT = "/armguard"
 COVER_OPACITY = 0.28
@@ -56,20 +55,21 @@ OBSTACLE_OPACITY = 0.72
 HULL_OPACITY = 0.45
 FIRST_RADIUS, NEAR_RADIUS = 0.006, 0.0025
 NEAR_PAIRS = 10
-"""Pairs whose lines are rods; the others' are faint."""
+"""Number of pairs whose lines are drawn as rods; other lines are faint."""
 FAINT = 0.22
 GHOST_OPACITY = 0.25
 RIBBON_OPACITY = 0.9
 RIBBON = 0.06
-"""Width of the way that the arm was told to go, in [m]."""
+"""Width of the drawn path of a plan, in [m]."""
 SOME, MANY = 40, 200
-"""Obstacles beyond which each is drawn solid and with fewer triangles, and with the fewest."""
+"""Numbers of obstacles above which each is drawn solid with fewer triangles, and with the
+fewest."""
 OUTSIDE = 0.002
-"""How much larger than it is a body is drawn for each bucket below the last, as a share."""
+"""Relative enlargement of a drawn body for each bucket below the last."""
 FRAMED_WITHIN = 8.0
-"""How far from the arm's base a moving obstacle may be to be kept in the picture, in [m]."""
+"""Greatest distance from the arm's base at which a moving obstacle stays in the picture, in [m]."""
 BASE = 0.12
-"""How much around the arm's base is kept in the picture, in [m]."""
+"""Radius around the arm's base that stays in the picture, in [m]."""
 AXIS = 0.12
 """Length of the axes of a sensor's frame, in [m]."""
 
@@ -81,15 +81,15 @@ _NO_BALLS = np.zeros((0, 4))
 
 
 class Picture:
-    """What is drawn of one monitor.
+    """The picture of one monitor.
 
     Args:
-        draw: Takes each command; of a key, the latest counts.
-        clear: Called before another scene is drawn, to forget all commands.
+        draw: Called with each command; a later command with the same key replaces it.
+        clear: Called before another scene is drawn, to drop all commands.
         floor: Height of the floor, in [m].
 
     Attributes:
-        scene: What was drawn last; None before there is any.
+        scene: The scene drawn last; None before the first.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Picture:
         self._hulls: dict[bytes, Array] = {}
 
     def draw_scene(self, message: SceneMessage) -> bool:
-        """Draw what does not change; whether it was another scene than before."""
+        """Draw what does not change; returns whether the scene is a new one."""
         if message == self.scene:
             return False
         self.scene = self._scene = message
@@ -122,7 +122,7 @@ class Picture:
                 {"sign": "◇", "text": "refused: last accepted state", "paint": REFUSED},
                 {
                     "sign": "▫",
-                    "text": "stands still (greyer)",
+                    "text": "static (greyer)",
                     "paint": STILL + BUCKET_COUNT // 2,
                 },
             ],
@@ -154,7 +154,7 @@ class Picture:
         return True
 
     def draw_frame(self, message: FrameMessage, *, with_volume: bool = False) -> None:
-        """Draw one moment; without a scene there is nothing yet to draw it in."""
+        """Draw one moment; does nothing without a scene."""
         # All are made before the first is drawn: a moment is drawn whole, or not at all.
         for command in list(self.compute_frame(message, with_volume=with_volume)):
             self._draw(command)
@@ -166,7 +166,7 @@ class Picture:
 
         Args:
             message: The moment.
-            with_volume: Whether to draw where the arm can be until it rests.
+            with_volume: Whether to draw the volume in which the arm can be until it is at rest.
         """
         if self.scene is None:
             return
@@ -248,7 +248,7 @@ class Picture:
         return cover
 
     def _draw_plan(self, arm: Arm, message: FrameMessage) -> Iterator[Command]:
-        """The way that the arm goes as it was told, the arm at its end, and where it is to go."""
+        """Draw the path of the plan, the arm at its end, and the rest of the shield's path."""
         tips, end = _follow(arm, message.plan, len(message.q))
         ribbon = lay_ribbon(tips, RIBBON)
         ahead, _ = _follow(arm, message.path, len(message.q))
@@ -288,7 +288,7 @@ class Picture:
             return _NO_BALLS
 
     def _draw_obstacles(self, message: FrameMessage) -> Drawing:
-        """Draw what is in the cell; the lines of the legs that a person has for the eye."""
+        """Draw the obstacles; returns the lines of a person's legs, which are for display only."""
         obstacles = message.obstacles
         paints = self._paint(obstacles.times, message)
         lifeless = obstacles.statics & ~obstacles.entrances
@@ -301,7 +301,7 @@ class Picture:
         opacity = OBSTACLE_OPACITY if len(counts) <= SOME else 1.0
         look = Look(opacity, _count_segments(len(counts)))
 
-        stands = {0: "", 1: " (stands still)", 2: " (entrance: somebody may come in here)"}
+        stands = {0: "", 1: " (static)", 2: " (entrance: a body can appear here)"}
 
         def label(rows: NDArray[np.int64]) -> Labels:
             names = [
@@ -356,7 +356,7 @@ class Picture:
             np.full(len(legs), 0.02),
             Paints.of(PALE, len(legs)),
             Look(0.35),
-            Labels(["legs: drawn for the eye, watched by nothing"] * len(legs)),
+            Labels(["legs: for display only, not watched"] * len(legs)),
         )
         return legs
 
@@ -368,7 +368,7 @@ class Picture:
         paints: Paints,
         labels: Labels,
     ) -> Command:
-        """Draw boxes and the like; one whose shape and place are known is not computed again."""
+        """Draw hulls such as boxes; a hull with unchanged shape and place is not computed again."""
         bodies = obstacles.bodies
         known: dict[bytes, Array] = {}
         corners, owners = [np.zeros((0, 3, 3))], []
@@ -412,7 +412,7 @@ class Picture:
     def _find_segments(
         self, message: FrameMessage, cover: Array
     ) -> tuple[Array, NDArray[np.float32]]:
-        """Lines of the pairs whose both ends are somewhere, and the contact time of each."""
+        """Lines of the pairs with known ends, and the contact time of each."""
         pairs: Pairs = message.pairs
         segments, times = [], []
         if self._arm is not None and len(cover):
@@ -433,7 +433,7 @@ class Picture:
         return drawing.draw_balls(f"{ROOT}/reach", balls, paints, Look(0.14))
 
     def _aim(self, message: FrameMessage, cover: Array, segments: Array, legs: Array) -> Command:
-        """What the camera is to keep in the picture: balls in the world, in [m]."""
+        """Balls in the world that the camera must keep in the picture, in [m]."""
         obstacles = message.obstacles
         owner = obstacles.owners
         base = np.array(self._scene.base).reshape(4, 4)[:3, 3]
@@ -452,7 +452,7 @@ class Picture:
         return drawing.show("camera", content)
 
     def _describe(self, message: FrameMessage, notes: list[str]) -> Command:
-        """What the panels say."""
+        """The content of the panels."""
         verdict = message.verdict
         harm_time = verdict.contact_time if verdict.harm_time is None else verdict.harm_time
         times = verdict.contact_time, harm_time
@@ -478,10 +478,10 @@ class Picture:
         return drawing.show("banner", content)
 
     def _tell_how_to_ask(self, message: FrameMessage) -> str:
-        """The command that explains a STOP; empty where the page does, or there is nothing to.
+        """The command that explains a STOP; empty if the page explains it, or if nothing needs it.
 
-        An explanation takes as long as dozens of ticks, and needs all that led to the moment: a
-        running monitor has neither the time nor anybody who could ask in its place.
+        An explanation takes as long as dozens of ticks, and needs the history of the moment. A
+        running monitor does not have this time, so the replay of its recording explains the STOP.
         """
         verdict, scene = message.verdict, self._scene
         if verdict.level != LEVELS[0] or verdict.since is None or scene.is_recorded:
@@ -494,12 +494,12 @@ class Picture:
 
 
 def _follow(arm: Arm, packed: bytes, joints: int) -> tuple[Array, Array]:
-    """Where the end of the arm gets to, shape (n, 3), and the cover at the last place; in [m].
+    """Path of the arm's end, shape (n, 3), and the cover at the last position; in [m].
 
     Args:
-        arm: Is placed anew.
+        arm: The arm, which is moved.
         packed: Joint positions, float32, in rows.
-        joints: How many there are in a row.
+        joints: Number of joints in a row.
     """
     rows = np.frombuffer(packed, "<f4").reshape(-1, max(joints, 1))
     if not (len(rows) and np.isfinite(rows).all()):
@@ -513,12 +513,12 @@ def _follow(arm: Arm, packed: bytes, joints: int) -> tuple[Array, Array]:
 
 
 def _count_segments(count: int) -> int:
-    """Of how many flat pieces each of so many bodies is made, all around."""
+    """Number of flat pieces around each body, by the number of bodies."""
     return 24 if count <= SOME else 12 if count <= MANY else 8
 
 
 def find_sound(obstacles: ObstacleShapes) -> NDArray[np.bool_]:
-    """Which obstacles are somewhere, and can be drawn. Shape (n,)."""
+    """Whether each obstacle has a finite place and can be drawn. Shape (n,)."""
     finite = np.isfinite(obstacles.points).all(axis=1)
     whole = np.logical_and.reduceat(finite, np.cumsum(obstacles.counts) - obstacles.counts)
     sound: NDArray[np.bool_] = whole & (obstacles.radii >= 0.0) & (obstacles.radii < np.inf)

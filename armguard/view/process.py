@@ -1,7 +1,7 @@
-"""Starts and ends the view as a process of its own.
+"""Starts and ends the view's process.
 
-A view within the process of the monitor would take its interpreter lock; thirty times a second
-that makes ticks late. The process ends with its parent, however that ends.
+A view in the monitor's process would hold its interpreter lock 30 times a second and make ticks
+late. The view's process ends when its parent ends.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from armguard.view.listening import LOOPBACK, listen
 START_TIMEOUT = 30.0
 END_TIMEOUT = 3.0
 EXPORT_TIMEOUT = 120.0
-"""How long the process may take to end, in [s], before it is killed; longer where it exports."""
+"""Timeout for the end of the process, in [s], before it is killed; longer if it exports."""
 
 
 class WatchOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """What a view process is started with; it stands as JSON on its command line."""
+    """Options of a view's process; passed as JSON on its command line."""
 
     address: str
-    """Of a `FramePublisher`."""
+    """Address of a `FramePublisher`."""
     port: int = 0
-    """TCP port of the page; 0: any that is free."""
+    """TCP port of the page; 0: any free port."""
     floor: float = 0.0
     """Height of the floor that is drawn, in [m]."""
     export: str | None = None
-    """Where to write, at its end, a file that plays offline; None: nowhere."""
+    """Path of a file that plays offline, written at the end; None: no file."""
     host: str = LOOPBACK
     """Address of the interface on which the page is served; see `ViewServer`."""
     key_files: tuple[str, str] | None = None
-    """Where the monitor asks for keys: the secret file of a client that may view, and the monitor's
-    public file."""
+    """If the monitor requires keys: secret key file of a client with `view`, and the monitor's
+    public key file."""
     parent: int | None = None
-    """Process whose end is the view's; None: none is."""
+    """Process id of the parent, with which the view ends; None: no parent."""
 
     def load_keys(self) -> Keys | None:
-        """The keys of the client; None where there are none."""
+        """The keys of the client; None without keys."""
         return None if self.key_files is None else Keys.load(*map(Path, self.key_files))
 
 
@@ -56,7 +56,7 @@ class ViewProcess:
 
     Attributes:
         url: Address of the page.
-        pid: The process.
+        pid: Process id.
     """
 
     def __init__(self, process: subprocess.Popen[str], url: str, end_timeout: float) -> None:
@@ -75,7 +75,7 @@ class ViewProcess:
         self._process.wait()
 
     def close(self) -> None:
-        """End the process and wait until it and its port are gone; harmless if they are."""
+        """End the process, and wait until its port is free; can be called twice."""
         _end(self._process, self._end_timeout)
 
     def __enter__(self) -> ViewProcess:
@@ -100,9 +100,9 @@ def launch(
         address: As in `WatchOptions`, like all that follow.
         port: TCP port of the page.
         floor: Height of the floor, in [m].
-        export: Where to write a file that plays offline.
+        export: Path of a file that plays offline; None: no file.
         host: Address of the interface on which the page is served.
-        key_files: Secret file of a client that may view, and the monitor's public file.
+        key_files: Secret key file of a client with `view`, and the monitor's public key file.
 
     Raises:
         ArmguardError: The address or port cannot be used, or the process did not listen in time.
@@ -143,7 +143,7 @@ def launch(
         raise ArmguardError(
             "view process",
             f"did not start (exit code {process.returncode})",
-            remedy="its own message, if any, stands on stderr",
+            remedy="its own message, if any, is on standard error",
         )
     return ViewProcess(process, found[0], END_TIMEOUT if export is None else EXPORT_TIMEOUT)
 

@@ -1,7 +1,7 @@
-"""Publishes frames for the views that are attached, and never waits for one.
+"""Publishes frames for views, and never waits for a view.
 
-ZeroMQ's PUB socket drops what a subscriber does not take; two messages at most are kept for each,
-so a view that hangs costs neither time nor memory, and finds the present when it wakes.
+ZeroMQ's PUB socket keeps at most two messages for each subscriber and drops the others. So a view
+that hangs costs no time and little memory, and gets recent frames when it continues.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ PATIENCE = 5.0
 """How long a patient publisher waits for its views, in [s]."""
 
 SCENE_INTERVAL = 15
-"""Frames after which the scene is told again, for views that attached late."""
+"""Number of frames after which the scene is sent again, for views that attached late."""
 
 
 class FramePublisher:
-    """A socket that views attach to.
+    """A socket to which views attach.
 
     Args:
-        address: Where to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
-        authenticator: Lets in the views that it knows; None: there are no keys.
-        is_patient: Whether it waits for the first view, and for slow ones up to `PATIENCE` a
-            message: for replays, which nothing waits for.
+        address: Address to bind, e.g. "ipc:///tmp/view" or "tcp://127.0.0.1:*".
+        authenticator: Authenticates views; None: no keys.
+        is_patient: Whether it waits for the first view, and for slow views up to `PATIENCE` per
+            message. For replays, which are not in real time.
 
     Attributes:
-        address: Where views attach, with the port that was chosen.
-        dropped: Messages that could not be sent.
-        problem: Why the last of these could not; empty if all were sent.
+        address: Address to which views attach, with the port that was chosen.
+        dropped: Number of messages that could not be sent.
+        problem: Why the last of them could not be sent; empty if all were sent.
 
     Raises:
         StreamError: The address is malformed, reaches beyond this machine without keys, or is in
@@ -80,13 +80,13 @@ class FramePublisher:
         self.address = self._socket.get_string(zmq.LAST_ENDPOINT)
 
     def publish_scene(self, scene: SceneMessage) -> None:
-        """Tell what does not change; it is repeated by itself among the frames."""
+        """Send the scene, which does not change; it is repeated automatically between frames."""
         self._scene = scene
         self._frames_since_scene = 0
         self._send(scene)
 
     def publish_frame(self, frame: FrameMessage) -> None:
-        """Tell one moment; a view that does not keep up misses it."""
+        """Send one moment; a view that is too slow misses it."""
         self._frames_since_scene += 1
         if self._frames_since_scene >= SCENE_INTERVAL and self._scene is not None:
             self._frames_since_scene = 0
@@ -94,11 +94,11 @@ class FramePublisher:
         self._send(frame)
 
     def publish_status(self, status: StatusMessage) -> None:
-        """Tell what the monitor does that has no moments to show."""
+        """Send the status of a monitor that has no moments to show."""
         self._send(status)
 
     def close(self) -> None:
-        """Free the address; whatever is published afterwards is dropped."""
+        """Free the address; messages published afterwards are dropped."""
         if not self._socket.closed:
             remove_file(self.address)
         self._free()

@@ -1,4 +1,4 @@
-"""What a page may say to its view: little, each a short line of JSON, checked before it is obeyed.
+"""Requests from a page to its view: short lines of JSON, checked before they are obeyed.
 
 {"type": "done"}                     the last bundle is drawn
 {"type": "seek", "number": 12}       show this moment of the past; null: the present again
@@ -13,7 +13,7 @@ import msgspec
 from armguard.exceptions import ArmguardError
 
 LONGEST = 512
-"""Of a line, in bytes."""
+"""Greatest size of a line, in [bytes]."""
 
 
 class Done(msgspec.Struct, frozen=True, tag="done", forbid_unknown_fields=True):
@@ -24,14 +24,14 @@ class Seek(msgspec.Struct, frozen=True, tag="seek", forbid_unknown_fields=True):
     """Show a moment of the past."""
 
     number: int | None
-    """Of the moment; None: the present."""
+    """Number of the moment; None: the present."""
 
 
 class Layers(msgspec.Struct, frozen=True, tag="layers", forbid_unknown_fields=True):
-    """Draw what takes time to find."""
+    """Draw layers that take time to compute."""
 
     volume: bool
-    """Where the arm can be until it rests."""
+    """Whether to draw the volume in which the arm can be until it is at rest."""
 
 
 class ResetRequest(msgspec.Struct, frozen=True, tag="reset", forbid_unknown_fields=True):
@@ -46,13 +46,13 @@ _decoder = msgspec.json.Decoder(Request)
 
 
 def read_request(line: str | bytes) -> Request:
-    """Read what a page said.
+    """Read a request of a page.
 
     Raises:
-        ArmguardError: It is nothing that a page may say.
+        ArmguardError: The page may not send this.
     """
     if not isinstance(line, str) or len(line) > LONGEST:
-        raise ArmguardError("page", "said something that is no short line of text")
+        raise ArmguardError("page", "sent something other than a short line of text")
     try:
         request: Request = _decoder.decode(line)
     except (msgspec.DecodeError, UnicodeEncodeError) as error:

@@ -1,4 +1,4 @@
-"""A band along a way, as triangles: a line would be too thin to be seen."""
+"""A band along a path, as triangles: a line would be too thin to be visible."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SHORT = 1e-9
-"""A way that is shorter than this, in [m], has no direction."""
+"""A path shorter than this, in [m], has no direction."""
 
 
 def lay_ribbon(points: Array, width: float) -> Array:
-    """A flat band along a way; level where the way is, so that it is seen from above.
+    """A flat band along a path; horizontal where the path is, so that it is visible from above.
 
     Args:
-        points: Along the way, in [m]. Shape (n, 3).
-        width: In [m].
+        points: Points along the path, in [m]. Shape (n, 3).
+        width: Width of the band, in [m].
 
     Returns:
-        Corners of triangles, two for each step, in [m]. Shape (2 (n - 1), 3, 3); none for a way of
+        Corners of triangles, two for each step, in [m]. Shape (2 (n - 1), 3, 3); none for a path of
         fewer than two points.
     """
     if len(points) < 2:

@@ -1,4 +1,4 @@
-"""Where the lines between pairs end: on the cover of the link, and on the obstacle."""
+"""End points of the lines between pairs: on the cover of the link, and on the obstacle."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ Array = NDArray[np.float64]
 
 
 def connect(balls: Array, points: Array, radius: float) -> Array:
-    """The shortest line from a link's cover to an obstacle; of no length where they overlap.
+    """The shortest line from a link's cover to an obstacle; of length 0 if they overlap.
 
     Args:
         balls: Centre and radius of the link's cover spheres, in [m]. Shape (n, 4).
-        points: Whose hull the obstacle is, in [m]. Shape (k, 3).
-        radius: Around the hull, in [m].
+        points: Points whose hull is the obstacle, in [m]. Shape (k, 3).
+        radius: Radius around the hull, in [m].
 
     Returns:
-        On the cover, and on the obstacle, in [m]. Shape (2, 3).
+        Points on the cover and on the obstacle, in [m]. Shape (2, 3).
     """
     centres = balls[:, :3]
     nearest = _find_nearest(centres, points)

@@ -1,9 +1,10 @@
-"""Serves the page and hands each browser what has changed, on the loopback interface or by token.
+"""Serves the page and sends each browser the changes, on the loopback interface or with a token.
 
-Meshcat's own server listens on every interface, keeps every change for ever and takes commands
-from any page that the browser happens to show. Here pages of other origins are refused, and all
-that may not see the page (`access`), browsers may say only what `requests` has, and each gets its
-next bundle only after it has drawn the last: a slow one misses moments, a hung one costs nothing.
+Meshcat's own server listens on every interface, keeps every change for ever, and accepts commands
+from any page in the browser. This server refuses pages of other origins, and requests without
+access (`access`). Browsers can send only the requests of `requests`. Each browser gets its next
+bundle only after it has drawn the last: a slow browser misses moments, and a browser that hangs
+costs nothing.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from armguard.view.requests import LONGEST, Done, Layers, ResetRequest, Seek, re
 BROWSER_LIMIT = 16
 
 RESET_INTERVAL = 1.0
-"""Between two resets of all browsers, in [s]: a token is not to be found by trying."""
+"""Least time between two resets of all browsers, in [s], so that no token is found by guessing."""
 
 LASTING = "set_object "
-"""What keys of commands begin with that hold in every moment: the arm's meshes."""
+"""Prefix of the keys of commands that hold in every moment: the arm's meshes."""
 
 PAGE = Path(__file__).resolve().parent / "page"
 # Importing Meshcat would start its own machinery; only its viewer is wanted.
@@ -55,14 +56,14 @@ class ViewServer:
     """The web server of one view.
 
     Args:
-        values: What browsers are to be shown.
-        page_state: What there is to tell beside that.
-        draw_past: Draws the moment of this number, with the stopping volume or without; None: it
-            is gone.
-        send_reset: Hands the monitor a reset with this token; says in words what became of it.
-        port: TCP port; 0: any that is free.
-        host: Address of the interface to listen on. Beyond the loopback interface the page is
-            shown only to those that bring the token that is in `url`.
+        values: The drawing commands to send to browsers.
+        page_state: The state of the page apart from the drawing.
+        draw_past: Draws the moment with this number, with or without the stopping volume; None: the
+            moment was dropped.
+        send_reset: Sends the monitor a reset with this token; returns its result in words.
+        port: TCP port; 0: any free port.
+        host: Address of the interface to listen on. Beyond the loopback interface, requests must
+            carry the token in `url`.
 
     Attributes:
         url: Address of the page.
@@ -109,23 +110,23 @@ class ViewServer:
         return any(browser.wants_volume for browser in self._browsers)
 
     def flush(self) -> None:
-        """Hand every browser that waits for it what has changed; called after each frame."""
+        """Send the changes to every browser that waits for them; called after each frame."""
         for browser in list(self._browsers):
             browser.pump()
 
     def tell(self) -> None:
-        """Hand every browser that waits the news, even where nothing is drawn anew."""
+        """Send the news to every browser that waits, even if no drawing has changed."""
         for browser in list(self._browsers):
             browser.pump(always=True)
 
     def close(self) -> None:
-        """Stop listening and part from all browsers."""
+        """Stop listening, and disconnect all browsers."""
         self._server.stop()
         for browser in list(self._browsers):
             browser.close(1001, "the view has ended")
 
     def attach(self, browser: BrowserSocket) -> bool:
-        """Take in a browser, unless there are too many."""
+        """Accept a browser, unless there are too many."""
         if len(self._browsers) >= BROWSER_LIMIT:
             return False
         self._browsers.add(browser)
@@ -134,17 +135,17 @@ class ViewServer:
         return True
 
     def tell_news(self, told: FilmPosition) -> bytes:
-        """How old the latest moment is, and what else the browser does not know yet."""
+        """The age of the latest moment, and further news that the browser has not received."""
         return self._page_state.tell(told)
 
     def detach(self, browser: BrowserSocket) -> None:
-        """Forget a browser that has gone."""
+        """Remove a browser that has disconnected."""
         self._browsers.discard(browser)
         if browser.reader is not None:
             self._values.detach(browser.reader)
 
     async def reset(self, token: str) -> str:
-        """Hand the monitor a reset; what became of it, in words."""
+        """Send the monitor a reset; returns its result in words."""
         now = time.monotonic()
         if now < self._next_reset:
             return "too soon after the last attempt: wait a second"
@@ -153,7 +154,7 @@ class ViewServer:
 
 
 class _Guarded(tornado.web.RequestHandler):
-    """Answers only those that may see the page."""
+    """Answers only requests that have access to the page."""
 
     def prepare(self) -> None:
         self.settings["access"].check(self)
@@ -163,27 +164,27 @@ class LocalFile(_Guarded, tornado.web.StaticFileHandler):
     """A file of the page."""
 
     def set_extra_headers(self, path: str) -> None:
-        """Allow nothing that the page does not need."""
+        """Set headers that forbid everything the page does not need."""
         for name, value in _HEADERS.items():
             self.set_header(name, value)
 
 
 class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
-    """One browser. At most one bundle is under way to it at any time."""
+    """The connection of one browser. At most one bundle is in transit at any time."""
 
     def initialize(self, server: ViewServer) -> None:
-        """Remember whose browser this is."""
+        """Remember the server of this browser."""
         self._view = server
         self._waits = False
         self.reader: Reader | None = None
         self.told = FilmPosition()
         self._seen: int | None = None
-        """Number of the moment of the past that it looks at; None: at the present."""
+        """Number of the moment of the past that it shows; None: the present."""
         self._is_due = False
-        """Whether that has yet to be drawn."""
+        """Whether that moment is still to be drawn."""
         self._with_volume = False
         self._touched: set[str] = set()
-        """Keys of what the past has drawn, which the present must draw again."""
+        """Keys drawn for the past, which must be drawn again for the present."""
 
     @property
     def wants_volume(self) -> bool:
@@ -196,12 +197,12 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
         return parts.scheme in ("http", "https") and parts.netloc == self.request.host
 
     def open(self) -> None:
-        """Take the browser in."""
+        """Accept the browser."""
         if not self._view.attach(self):
             self.close(1013, "too many browsers are watching")
 
     async def on_message(self, message: str | bytes) -> None:
-        """Do what the page asks for, if it may."""
+        """Obey a request of the page, if it is permitted."""
         try:
             request = read_request(message)
         except ArmguardError:
@@ -226,14 +227,14 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
         self.pump()
 
     def on_close(self) -> None:
-        """Let the browser go."""
+        """Remove the browser."""
         self._view.detach(self)
 
     def pump(self, *, always: bool = False) -> None:
         """Send the next bundle, if the browser waits for one and there is one.
 
         Args:
-            always: Whether news alone are worth one.
+            always: Whether to send a bundle that has only news.
         """
         if not self._waits or self.reader is None:
             return
@@ -248,7 +249,7 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
             self.send(bundle)
 
     def send(self, payload: bytes) -> None:
-        """Send one bundle; the browser answers `Done` once it is drawn."""
+        """Send one bundle; the browser answers `Done` after it is drawn."""
         self._waits = False
         self._write(payload)
 
@@ -285,4 +286,4 @@ class BrowserSocket(_Guarded, tornado.websocket.WebSocketHandler):
 
 
 def _log_nothing(handler: tornado.web.RequestHandler) -> None:
-    """Requests are not worth a line each."""
+    """Log nothing: one line for each request would be too many."""

@@ -1,4 +1,4 @@
-"""Where the arm can be until it rests, found by the view's process where a page asks for it."""
+"""Computes the volume in which the arm can be until it is at rest, for the view."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from armguard.view.messages import FrameMessage, SceneMessage
 
 
 class StoppingVolume:
-    """Finds the balls that contain the arm until it rests, for one scene.
+    """Computes the balls that contain the arm until it is at rest, for one scene.
 
     Args:
-        scene: Which arm, and how it stops.
+        scene: The arm, and how it stops.
 
     Raises:
-        ArmguardError: The scene does not tell, or tells of no arm that can stop.
+        ArmguardError: The scene does not say how the arm stops, or the arm cannot stop.
     """
 
     def __init__(self, scene: SceneMessage) -> None:
         rule = scene.stopping
         if rule is None:
-            raise ArmguardError("the stopping volume", "is not told of by this monitor")
+            raise ArmguardError(
+                "the stopping volume", "needs how the arm stops, which this monitor does not send"
+            )
         try:
             robot = RestoredRobot(msgspec.json.decode(rule.robot))
         except msgspec.DecodeError as error:
@@ -50,10 +52,12 @@ class StoppingVolume:
         """Centres and radii in the world, in [m], from this moment until rest. Shape (n, 4).
 
         Raises:
-            ArmguardError: The frame's joint state is none that the arm can stop from.
+            ArmguardError: The arm cannot stop from the frame's joint state.
         """
         if len(frame.v) != len(frame.q):
-            raise ArmguardError("the stopping volume", "needs joint velocities, which are not told")
+            raise ArmguardError(
+                "the stopping volume", "needs joint velocities, which this monitor does not send"
+            )
         volume = self._motion.stopping_volume(
             frame.q, frame.v, max(frame.arm_age, 0.0), self._response_time
         )

@@ -1,4 +1,4 @@
-"""The life of a view process: takes the feed, draws the newest moment, serves it, ends in time."""
+"""The loop of a view's process: receives the feed, draws the newest moment, serves the page."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ from armguard.view.server import ViewServer
 PARENT_CHECK_INTERVAL = 0.25
 COMPLAINT_INTERVAL = 1.0
 NEWS_INTERVAL = 0.5
-"""Between two tellings of news while no frames come, in [s]."""
+"""Time between two messages of news while no frames arrive, in [s]."""
 REACH_TIMEOUT = 2.0
-"""How long a reset waits for the monitor to listen, in [s]; short, for it was asked at a click."""
+"""How long a reset waits for the connection to the monitor, in [s]; short, as a user waits."""
 ANSWER_TIMEOUT = 5.0
-"""How long a reset that was sent waits for the monitor to tell what became of it, in [s]."""
+"""How long a reset waits for the monitor's answer, in [s]."""
 REACH_INTERVAL = 0.02
-"""Between two looks whether the monitor listens, in [s]."""
+"""Time between two checks that the monitor is connected, in [s]."""
 REST_TIMEOUT = 2000
-"""How long the next message of a recording is waited for at the end, in [ms]."""
+"""Timeout for the next message of a recording at its end, in [ms]."""
 QUEUE_LIMIT = 64
 _logger = logging.getLogger("armguard.view")
 
 
 class Watch:
-    """Draws what a feed says.
+    """Draws the messages of a feed.
 
     Args:
-        options: Which feed, and how its page is served. With an export the past is kept from its
-            beginning.
+        options: Address of the feed, and how to serve the page. With an export, the whole past is
+            kept.
 
     Raises:
         ArmguardError: The address is malformed, the port in use, or a key file unusable.
@@ -103,16 +103,17 @@ class Watch:
             raise
         self._picture = Picture(self._values.set, self._forget, options.floor)
         self._resets: tuple[int, int] | None = None
-        """How many the monitor obeyed and refused, by its newest frame; None: there is none."""
+        """Resets that the monitor obeyed and refused, by its newest frame; None without a frame."""
         self._latches: frozenset[Latch] = frozenset()
-        """What was latched by that frame."""
+        """Latched reasons in that frame."""
         self._runs = 0
-        """How often another run may have begun: by its scene, or while the feed was away."""
+        """How often another run may have begun: with a new scene, or while the feed was
+        disconnected."""
         self._is_resetting = False
         self._has_told = asyncio.Event()
-        """Whether a frame has come since this was cleared."""
+        """Whether a frame has arrived since this flag was cleared."""
         self._is_recorded: bool | None = None
-        """Of the feed; None: no scene has come."""
+        """Scene of the feed; None: none has arrived."""
         self._complained = -COMPLAINT_INTERVAL
         self._complaints = 0
         self.url = self._server.url
@@ -128,7 +129,7 @@ class Watch:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     def export(self, path: Path) -> None:
-        """Write what is kept of the past as one file that plays offline.
+        """Write the stored past as one file that plays offline.
 
         Raises:
             ArmguardError: There is nothing to write, or the file cannot be written.
@@ -143,7 +144,7 @@ class Watch:
         self._context.destroy(linger=0)
 
     async def read_rest(self) -> None:
-        """Read a recording to its end, or until nothing comes for a while."""
+        """Read a recording to its end, or until no message arrives for a while."""
         while self._is_recorded is not False and not self._page_state.is_over:
             if not await self._socket.poll(REST_TIMEOUT):
                 return
@@ -154,14 +155,14 @@ class Watch:
             self._draw_newest(await self._receive())
 
     async def _receive(self) -> list[bytes]:
-        """The next message, and those that wait behind it: only the newest moment is drawn."""
+        """The next message and all that are queued: only the newest moment is drawn."""
         payloads = [await self._socket.recv()]
         while len(payloads) < QUEUE_LIMIT and await self._socket.poll(0):
             payloads.append(await self._socket.recv())
         return payloads
 
     async def _follow(self) -> None:
-        """Notice when the monitor comes and goes."""
+        """Note when the monitor connects and disconnects."""
         while True:
             event = await recv_monitor_message(self._connection)
             self._page_state.is_connected = event["event"] != zmq.EVENT_DISCONNECTED
@@ -169,7 +170,7 @@ class Watch:
                 self._forget_run()
 
     def _forget_run(self) -> None:
-        """Forget what a run told of resets and latches: another one may follow, or has."""
+        """Drop the numbers of resets and latches of a run, since another run may have begun."""
         self._runs += 1
         self._resets, self._latches = None, frozenset()
         self._has_told.set()
@@ -243,9 +244,9 @@ class Watch:
         if self._is_resetting:
             return "not sent: the reset before this one is still under way"
         if not scene.obeys_reset:
-            return "this run obeys no reset: start it with --reset-token TOKEN"
+            return "this run refuses resets: start it with --reset-token TOKEN"
         if not scene.reset_address:
-            return "this run takes a reset from its standard input alone"
+            return "this run reads resets only from its standard input"
         address = find_reachable(scene.reset_address, self._address)
         if not address:
             return f"this run takes a reset on its own machine alone, at {scene.reset_address}"
@@ -259,14 +260,14 @@ class Watch:
             self._is_resetting = False
 
     async def _publish_reset(self, publisher: Publisher, address: str, token: str, arm: str) -> str:
-        """Send a reset once the monitor listens, and tell what became of it.
+        """Send a reset after the monitor is connected; returns its result in words.
 
-        Until then the page goes on. A reset that waited is not sent to another run, nor where more
+        The page goes on meanwhile. A reset that waited is not sent to another run, and not if more
         is latched than at the click: it might release a STOP that no operator has seen.
 
-        It is sent once: a second one might release a STOP that was latched after the first, and
-        that no operator has seen. The publisher stays until there is an answer, for what a closing
-        one has not handed over yet is lost.
+        The reset is sent once: a second one might release a STOP that was latched after the first,
+        and that no operator has seen. The publisher stays open until the answer, because closing it
+        could lose the message.
         """
         run, latches = self._runs, self._latches
         end = time.monotonic() + REACH_TIMEOUT
@@ -288,7 +289,7 @@ class Watch:
             if obeyed > before[0]:
                 return "obeyed; a cause that persists has latched again"
             if refused > before[1]:
-                return "refused: the token is not the one of this run"
+                return "refused: the token is not that of this run"
             self._has_told.clear()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._has_told.wait(), left)
@@ -301,7 +302,7 @@ class Watch:
         self._values.clear(drawing.delete(ROOT))
 
     def _complain(self, problem: str) -> None:
-        """Say what was wrong with a message, at most once a second."""
+        """Log why a message could not be used, at most once a second."""
         self._complaints += 1
         now = time.monotonic()
         if now - self._complained >= COMPLAINT_INTERVAL:
@@ -310,7 +311,7 @@ class Watch:
 
 
 async def watch(options: WatchOptions) -> None:
-    """Run a view until a signal, or until its parent is no longer this process's parent."""
+    """Run a view until a signal, or until its parent has ended."""
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -208,7 +208,7 @@ def test_stops_that_would_not_have_been_are_shown(path, capsys):
     code, out, _ = run(capsys, path, "--what-if", "rise_delay=0,operating.velocity=0.3")
     assert code == 0
     assert "stops with rise_delay = 0, operating.velocity = 0.3" in out
-    assert re.search(r"\d+ of \d+ stops would not have been", out)
+    assert re.search(r"\d+ of \d+ stops would have been avoided", out)
     assert "as it was recorded" in out
     _, out, _ = run(capsys, path, "--what-if", "latency=0.5", "--json")
     told = json.loads(out)
@@ -363,10 +363,10 @@ def test_a_recording_of_others_is_led_through_a_cell_and_recorded(cell, tmp_path
         ([*BAG, "--cell", "CELL", "--what-if", "latency=1"], "for armguard's own recordings"),
         ([*BAG, "--cell", "CELL", "--record", "/nowhere/a.mcap"], "no folder /nowhere"),
         ([*BAG, "--cell", "CELL", "--explain", "99"], "expected a time from 0.000 s"),
-        (["--record", "a.mcap"], "--record: is for recordings of others"),
-        (["--radius", "0.1"], "--radius: is for recordings of others"),
-        (["--snapshot"], "--snapshot: is for recordings of others"),
-        (["--stamps", "recorded"], "--stamps: is for recordings of others"),
+        (["--record", "a.mcap"], "--record: is for recordings of other software"),
+        (["--radius", "0.1"], "--radius: is for recordings of other software"),
+        (["--snapshot"], "--snapshot: is for recordings of other software"),
+        (["--stamps", "recorded"], "--stamps: is for recordings of other software"),
     ],
 )
 def test_a_mistake_about_a_recording_of_others_is_one_line(
@@ -402,7 +402,7 @@ def test_verify_tells_what_was_changed_and_who_signed(tmp_path, capsys):
     assert main(["replay", str(path), "--verify", "--key", str(public)]) == 0
     assert f"intact; 1 chunks are as they were, signed by {key}" in capsys.readouterr().out
     assert main(["replay", str(path), "--verify"]) == 0
-    assert "who wrote it is not known without --key" in capsys.readouterr().out
+    assert "without --key the author is unknown" in capsys.readouterr().out
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)

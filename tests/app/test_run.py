@@ -448,7 +448,7 @@ def test_a_reset_says_whether_it_was_obeyed(cell, addresses, tmp_path, capsys):
             assert reader.latest(PATIENCE) is not None
             for name in ("joints", "obstacles"):
                 asked = ["reset", f"ipc://{tmp_path}/{name}", "--verdicts", verdicts, "--token"]
-                check_no_reset(capsys, [*asked, "guess"], "token is not the one of this run")
+                check_no_reset(capsys, [*asked, "guess"], "token is not that of this run")
                 assert main([*asked, "sesame"]) == 0
                 assert capsys.readouterr() == (f"ipc://{tmp_path}/{name}: reset\n", "")
                 assert main([*asked, "sesame", "--json"]) == 0
@@ -474,7 +474,7 @@ def test_verdicts_are_expected_at_the_usual_port_of_the_same_host():
         ("-", "ipc:///o", "x", "left", "it: armguard reset ipc:///o --token x --arm left"),
         ("-", "-", "x", "", 'to end it: a line {"type":"reset","token":"x"}'),
         ("-", "-", "x", "left", 'a line {"type":"reset","token":"x","arm":"left"}'),
-        ("ipc:///j", "-", None, "", "obeys no reset: start it anew; with --reset-token TOKEN "),
+        ("ipc:///j", "-", None, "", "refuses resets: restart it; with --reset-token TOKEN "),
     ],
 )
 def test_the_remedy_is_a_command_that_can_be_copied(joints, obstacles, token, arm, words):

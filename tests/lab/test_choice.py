@@ -142,5 +142,5 @@ def test_what_cannot_be_tried_is_refused(changes, words):
 def test_a_table_that_was_told_already_is_refused():
     obstacles = Obstacles()
     see(obstacles, 0.0, [2.0, 0.0, 0.5])
-    with pytest.raises(ArmguardError, match="obstacles: were told already"):
+    with pytest.raises(ArmguardError, match="obstacles: are in the table already"):
         make_auto(obstacles=obstacles)

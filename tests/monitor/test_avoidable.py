@@ -29,7 +29,7 @@ DISTANCES = (0.75, 0.85, 0.95, 1.05, 1.15, 1.25, 1.35, 1.45)
 
 
 def test_each_remedy_avoids_the_stop_and_what_is_not_told_does_not():
-    told = {"carrying": 0, "published": 0, "delay": 0, "speed": 0}
+    told = {"payload of 0 kg": 0, "published": 0, "delay": 0, "speed": 0}
     stops = 0
     for distance in DISTANCES:
         verdict, monitor = judge(distance)
@@ -39,7 +39,7 @@ def test_each_remedy_avoids_the_stop_and_what_is_not_told_does_not():
             continue
         stops += 1
         for words, settings in (
-            ("carrying", {"payload": 0.0}),
+            ("payload of 0 kg", {"payload": 0.0}),
             ("published", {"operating": "published"}),
         ):
             avoided = judge(distance, **settings)[0].level > Level.STOP

@@ -921,7 +921,7 @@ def test_speeds_next_to_nothing_or_beyond_all_bounds_are_told_of_if_they_matter(
     plan.v[5] = speed
     assert monitor.commit(plan).safe
     plan.v[5:] = 1e200
-    with pytest.raises(ArmguardError, match="no stop can be reckoned"):
+    with pytest.raises(ArmguardError, match="no stop can be computed"):
         monitor.with_stop(plan)
 
 

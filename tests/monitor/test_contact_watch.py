@@ -243,7 +243,7 @@ def test_a_touched_arm_may_go_on_away_from_the_hand_and_nowhere_else(leave):
     for velocity in ((0.03, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, -0.03)):
         answer = encounter.monitor.commit(make_retreat(encounter, velocity))
         assert not answer.safe
-        assert "is touched" in str(answer.reasons[0])
+        assert "touches the arm" in str(answer.reasons[0])
     plan = make_retreat(encounter, (-0.03, 0.0, 0.0))
     answer = encounter.monitor.commit(plan)
     # Joints that may leave the piece one by one might press on.

@@ -84,7 +84,7 @@ def test_a_number_that_is_not_finite_names_its_joint(states, bad, joint):
     [
         (HOME, changed(STILL, 5, 0.31), 0.001, "changed its velocity by 0.31 rad/s in 1 ms, limit"),
         (changed(HOME, 5, 1.7), STILL, 0.001, "moved by 0.1 rad in 1 ms, limit"),
-        (changed(HOME, 5, 1.61), changed(STILL, 5, 0.2), 0.03, "moved off its course by"),
+        (changed(HOME, 5, 1.61), changed(STILL, 5, 0.2), 0.03, "deviated from its motion by"),
     ],
 )
 def test_a_jump_is_told_in_numbers(states, q, v, stamp, said):

@@ -134,7 +134,10 @@ def test_where_too_many_pairs_are_near_the_late_source_is_named_without_a_level(
     assert len(unknown) > 10
     for one in unknown:
         assert one.subject == "camera"
-        assert "usually 10 ms; more pairs are near than are looked up" in one.detail
+        assert (
+            "usually 10 ms; too many pairs are near to compute the level with fresh data"
+            in one.detail
+        )
 
 
 def test_late_joint_states_are_named_too():

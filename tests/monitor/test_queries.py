@@ -32,7 +32,7 @@ def test_what_is_no_limit_is_refused_before_and_after_the_first_tick():
     for tick in range(2):
         for wrong in (None, "x", 1.5, True):
             for ask in (monitor.pairs, monitor.attention):
-                with pytest.raises(ArmguardError, match=r"limit: is .*expected a whole number"):
+                with pytest.raises(ArmguardError, match=r"limit: is .*expected an integer"):
                     ask(wrong)
             for name in ("pair_limit", "row_limit"):
                 with pytest.raises(ArmguardError, match=f"{name}: is "):

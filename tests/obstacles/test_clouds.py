@@ -418,7 +418,7 @@ def test_no_body_is_called_as_a_voxel_is():
     for source in ("depth", "tracker"):
         # The same list again, which is known by then, as well.
         for _ in range(2):
-            with pytest.raises(ObstacleError, match="as voxels of clouds are called"):
+            with pytest.raises(ObstacleError, match="reserved for voxels of clouds"):
                 obstacles.update([name], 1.0, [[0, 0, 0]], radius=0.1, source=source)
     assert FaultKind.MALFORMED in kinds(obstacles)
     obstacles.update(["voxel", "voxel 03 0 0"], 1.0, np.eye(2, 3), radius=0.1, source="tracker")

@@ -58,14 +58,14 @@ def test_the_arm_is_taken_out_by_the_joint_state_that_is_nearest_to_the_cloud():
     world.send(cloud(seq=2, stamp=MONOTONIC + 4.955, points=[[0.51, 0.01, 0.01]]))
     assert len(seen) == 1
     assert "voxel 10 0 0" in world.obstacles.ids
-    assert world.kinds() == ["arm not taken out"]
+    assert world.kinds() == ["arm not removed"]
 
 
 def test_without_a_joint_state_all_points_count():
     world = World(own_points=OwnPoints(lambda points, q, *_: points[:, 0] > 1.0, 1.0))
     world.send(cloud(points=[[0.51, 0.01, 0.01]]))
     assert "voxel 10 0 0" in world.obstacles.ids
-    assert world.kinds() == ["arm not taken out"]
+    assert world.kinds() == ["arm not removed"]
 
 
 @pytest.mark.parametrize(
@@ -155,4 +155,4 @@ def test_what_a_camera_s_clock_may_be_off_by_counts_to_the_time_between_arm_and_
     world = make_cloud_world(stamp_clocks={"cam0": StampClock("monotonic", 0.0, error)})
     world.send(cloud(stamp=MONOTONIC + 5.005, points=[[0.51, 0.01, 0.01]]))
     assert ("voxel 10 0 0" in world.obstacles.ids) != is_taken_out
-    assert world.kinds() == ([] if is_taken_out else ["arm not taken out"])
+    assert world.kinds() == ([] if is_taken_out else ["arm not removed"])

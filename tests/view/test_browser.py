@@ -511,7 +511,7 @@ def test_what_contact_limits_permit_is_shown_only_where_they_are_stated(feed, pa
     assert "levels by contact time" in page.inner_text("#legend")
     shown = {
         (0.21, 1.25): ("1.25 s", "at most 0.21 m/s"),
-        (0.0, np.inf): ("none in sight", "no contact before rest"),
+        (0.0, np.inf): ("none possible", "no contact before rest"),
         (np.inf, 0.0): ("0 ms", "unknown"),
     }
     for (contact_speed, harm_time), texts in shown.items():
@@ -564,7 +564,7 @@ def test_a_latched_stop_tells_since_when_and_what_ends_it(feed, page):
     ]
     assert page.locator("#latches code").all_inner_texts() == ["joint_timeout <b>x</b>"]
     assert page.inner_text("#since").startswith("since 1.00 s, for")
-    assert "obeys no reset" in page.inner_text("#remedy")
+    assert "refuses resets" in page.inner_text("#remedy")
     # On a phone each time stays in one line beside the sign of the latch.
     page.set_viewport_size({"width": 360, "height": 640})
     heights = "() => ['contact', 'speed'].map((id) => document.getElementById(id).clientHeight)"
@@ -597,7 +597,7 @@ def test_where_a_shield_moves_the_arm_its_pace_is_told_and_why_it_is_slower(feed
     wait_for_text(page, "speed", "40 %")
     wait_for_text(page, "slower", "slower: plan unsafe: <b>hand</b>")
     feed.show("AWARE", command=CommandSummary(**command, is_proved=False))
-    wait_for_text(page, "slower", "not proved any more, the arm is to brake: plan unsafe")
+    wait_for_text(page, "slower", "not proved any more, the arm must brake: plan unsafe")
     full = command | {"scale": 1.0, "reason": ""}
     before = page.locator("#banner").bounding_box()
     feed.show("AWARE", command=CommandSummary(**full, is_proved=True))
@@ -742,7 +742,9 @@ def test_silence_is_said_and_ends(feed, page):
     # A monitor that runs before its robot does.
     feed.show("STOP", sequence=0)
     wait_for_text(page, "level", "WAITING")
-    wait_for_text(page, "silence", "for the robot's joint states; STOP until they come")
+    wait_for_text(
+        page, "silence", "for the robot's joint states; the level is STOP until they arrive"
+    )
 
 
 def test_readers_of_the_screen_hear_of_levels_and_of_no_numbers(feed, page):
@@ -987,6 +989,6 @@ def test_the_page_finds_back_to_a_view_that_was_restarted(browser):
         with launch(feed.publisher.address, port):
             wait_for_text(page, "level", "STOP")
             feed.close()
-            wait_for_text(page, "silence", "the monitor has gone")
+            wait_for_text(page, "silence", "the monitor has disconnected")
     finally:
         feed.close()

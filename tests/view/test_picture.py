@@ -211,8 +211,8 @@ def test_an_entrance_says_what_it_is_and_is_as_bright_as_what_moves(page):
     page.picture.draw_frame(make_frame(obstacles=obstacles))
     standing = page["instances /armguard/statics/balls"]
     assert standing["names"] == [
-        "door (entrance: somebody may come in here)",
-        "wall (stands still)",
+        "door (entrance: a body can appear here)",
+        "wall (static)",
     ]
     door, wall = standing["buckets"]
     (ball,) = page["instances /armguard/obstacles/balls"]["buckets"]

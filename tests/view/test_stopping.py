@@ -32,7 +32,7 @@ def test_the_volume_is_that_of_the_monitors_own_arm(monitor):
 
 
 def test_what_the_scene_or_the_frame_does_not_tell_is_named(monitor):
-    with pytest.raises(ArmguardError, match="not told of"):
+    with pytest.raises(ArmguardError, match="does not send"):
         StoppingVolume(make_plain_scene())
     volume = StoppingVolume(make_scene(monitor, Origin()))
     with pytest.raises(ArmguardError, match="velocities"):

@@ -1,4 +1,4 @@
-"""A cell file made into robot, obstacles and monitor."""
+"""Makes robot, obstacles and monitor from a cell file."""
 
 from armguard.app.cell.cell import Cell
 

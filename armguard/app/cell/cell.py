@@ -1,8 +1,7 @@
-"""`Cell`: a cell file made into robot, obstacles and monitor.
+"""`Cell`: makes robot, obstacles and monitor from a cell file.
 
-The file says what is particular to one cell: which arm stands where, which sensors look at it and
-with which clocks, what never moves, and how careful to be. The same file is what a run, a replay
-and a study start from.
+The file describes one cell: the arm and its placement, the sensors and their clocks, the statics,
+and the settings of the monitor. Runs, replays and studies use the same file.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 AUTO = "auto"
-"""Word of a cell file whose settings are chosen by a trial."""
+"""Value of `settings` for settings that are chosen by a trial."""
 
 
 class Cell:
@@ -80,8 +79,8 @@ class Cell:
 
     Attributes:
         file: Name of the file, for messages.
-        arm: Name of the arm that is watched, where there are several.
-        tables: What it says, as read.
+        arm: Name of the watched arm, in a cell with several arms.
+        tables: The parsed content of the file.
         frames: Placements in the world by name, "world" and "base" (the robot's) among them.
     """
 
@@ -146,7 +145,7 @@ class Cell:
         return robot, obstacles, self.make_monitor(robot, obstacles)
 
     def describe(self) -> dict[str, Any]:
-        """What the file says, as plain data, without paths, and the other arms that were made."""
+        """The content of the file as plain data, without paths, and the other arms made so far."""
         # For a run, once; most users of a cell do not ask.
         from armguard.robot.portable import describe_robot
 
@@ -171,7 +170,7 @@ class Cell:
         return str(self._folder / table.urdf), folders
 
     def find_driver(self) -> UrTable | FrankaTable | Ros2Table:
-        """How `armguard drive` joins its robot.
+        """How `armguard drive` connects to the robot.
 
         Raises:
             CellError: The file does not say.
@@ -188,12 +187,12 @@ class Cell:
         return {} if self.tables.sources is UNSET else self.tables.sources
 
     def _find_robot(self, table: RobotTable) -> str | Path:
-        """The name of a robot, or its folder, where a table names no URDF."""
+        """The name or folder of a robot whose table names no URDF."""
         name = table.name or ""
         return name if is_known(name) else self._folder / name
 
     def make_robot(self) -> Robot:
-        """The robot that the file names, with its tool and what its clock adds to its errors."""
+        """The robot of the file, with its tool, and with errors that include its clock error."""
         return self._make_robot(self.tables.robot, self.tables.tool)
 
     def make_other_arms(self) -> list[ArmObstacles]:
@@ -224,7 +223,7 @@ class Cell:
 
     @property
     def drawn_links(self) -> dict[str, tuple[str, ...]]:
-        """By the name of each other arm that was made, its links that are only drawn."""
+        """Links that have only visual geometry, by the name of each other arm that was made."""
         return {name: robot.drawn_links for name, robot in self._other_robots.items()}
 
     @property
@@ -233,7 +232,7 @@ class Cell:
 
     @property
     def _own_frames(self) -> dict[str, Placement]:
-        """Frames that the file and its sources can refer to."""
+        """Frames that the file and its sources can name."""
         hidden = "base" if self.tables.robots else ""
         return {name: frame for name, frame in self.frames.items() if name != hidden}
 
@@ -322,12 +321,12 @@ class Cell:
         return obstacles
 
     def _shares_base(self, other: str) -> bool:
-        """Whether what is fixed of another arm is fixed of the watched one, in the same place."""
+        """Whether the fixed links of another arm are also fixed links of the watched arm."""
         bases = {one.name: (one.robot, one.urdf, one.base) for one in self.tables.robots}
         return bases[self.arm] == bases[other]
 
     def make_authenticator(self) -> Authenticator | None:
-        """What lets in the clients of `[keys]`; None where the file has none."""
+        """The authenticator of the clients in `[keys]`; None without `[keys]`."""
         table = self.tables.keys
         if table is None:
             return None
@@ -340,7 +339,7 @@ class Cell:
 
     @property
     def source_limits(self) -> dict[str, SourceLimits]:
-        """How much each source that the file names may send."""
+        """The limits on messages of each source that the file names."""
         limits = {}
         for name, table in self.sources.items():
             stated = given(table).items()
@@ -349,7 +348,7 @@ class Cell:
         return limits
 
     def make_own_points(self, robot: Robot) -> OwnPoints | None:
-        """What tells the arm's points from others in clouds; None where `[clouds]` is missing."""
+        """The filter that removes the arm's own points from clouds; None without `[clouds]`."""
         table = self.tables.clouds
         if table is None:
             return None
@@ -372,15 +371,15 @@ class Cell:
 
     @property
     def keeps_cover(self) -> bool:
-        """Whether the file states how fine the arm's cover is, so that this is not chosen."""
+        """Whether the file sets the level of the cover, so that no trial chooses it."""
         return self.tables.robot.level is not None
 
     def make_monitor(self, robot: Robot, obstacles: Obstacles) -> Monitor:
-        """The monitor, with the file's settings; what the file leaves out is as in `Monitor`.
+        """The monitor with the file's settings; other settings have the defaults of `Monitor`.
 
-        With `settings = "auto"` that is chosen instead, by a trial, which takes some seconds: of
-        the recording that the file names, or of a person who comes up to the arm at work. The
-        robot's cover is cut to the level that is chosen, unless the file states one.
+        With `settings = "auto"`, a trial of some seconds chooses the other settings. It uses the
+        recording that the file names, or a simulated person who approaches the working arm. The
+        trial also chooses the level of the robot's cover, unless the file sets it.
         """
         monitor = self._make_monitor(robot, obstacles)
         for number, entry in enumerate(self.tables.ignore):
@@ -405,7 +404,7 @@ class Cell:
         """The shield that moves the arm, as `[shield]` says.
 
         Args:
-            monitor: The one of this cell.
+            monitor: The monitor of this cell.
 
         Raises:
             CellError: The table, the rate or the motion is missing, or does not fit the robot.
@@ -423,7 +422,7 @@ class Cell:
         return self._attempt("shield", Shield, monitor, rate=rate, **given(table))
 
     def monitor_settings(self, robot: Robot) -> dict[str, Any]:
-        """What the file says of the monitor, as keywords of `Monitor`."""
+        """The file's settings of the monitor, as keywords of `Monitor`."""
         stated = {
             key: value
             for table in (*SETTINGS_TABLES, "robot")
@@ -440,7 +439,7 @@ class Cell:
         }
 
     def _list_bounds(self) -> list[tuple[str, float, float]]:
-        """Bounds by pattern of ids, those of parts of a body looked up."""
+        """Bounds by pattern of ids; bounds of body parts are looked up."""
         listed = []
         for pattern, entry in self.tables.bounds.of.items():
             bounds = BOUNDS.get(entry) if isinstance(entry, str) else entry
@@ -451,7 +450,7 @@ class Cell:
         return listed
 
     def _read_contact_limits(self) -> ContactLimits | None:
-        """What may be touched; None if the file does not say."""
+        """The contact limits of the file; None without any."""
         tables = self.tables.contact_limits
         limits = {
             region: ContactLimit(
@@ -481,7 +480,7 @@ class Cell:
     def _read_operating(
         self, robot: Robot, table: OperatingTable | str | UnsetType
     ) -> OperatingLimits | None:
-        """What a controller keeps to; None if the file does not say."""
+        """The operating limits of the controller; None if the file has none."""
         if table is UNSET:
             return None
         if isinstance(table, str):
@@ -587,7 +586,7 @@ class Cell:
             )
 
     def _expand_ignore(self, robot: Robot) -> list[tuple[str, ...]]:
-        """What is never watched; what is exempt within a zone is not among it."""
+        """The pairs that are never watched; excludes pairs that are exempt within a zone only."""
         return [
             (link, *entry[1:])
             for number, entry in enumerate(self.tables.ignore)
@@ -608,7 +607,7 @@ class Cell:
     def _attempt(
         self, key: str, make: Callable[..., _T], *arguments: object, **keywords: object
     ) -> _T:
-        """Make something, its errors becoming ones of this file."""
+        """Call a constructor, and turn its errors into errors of this file."""
         try:
             return make(*arguments, **keywords)
         except CellError:
@@ -622,7 +621,7 @@ class Cell:
             ) from error
 
     def _find_key(self, offender: str) -> str:
-        """The key behind a setting that a constructor refused, if it is one of this file's."""
+        """The file's key of a setting that a constructor refused, if the file has that key."""
         if offender.startswith("ignore"):
             return "ignore"
         if offender in ("payload", "level"):
@@ -639,11 +638,11 @@ class Cell:
 
 
 def _allow_clock_error(robot: Robot, clock_error: float) -> None:
-    """Widen the robot's joint errors by what joints can do while their stamp is off.
+    """Increase the robot's joint errors by the motion that is possible within the clock error.
 
-    A state that was measured up to `clock_error` before or after its stamp differs from the one at
-    the stamp by no more than that. To count the state as older instead would not do: an arm that
-    moves away from something would be taken to have gone farther than it has.
+    A state measured up to `clock_error` before or after its stamp differs from the state at the
+    stamp by at most this motion. It would be unsafe to count the state as older instead: an arm
+    that recedes from an obstacle would be assumed farther away than it is.
     """
     fastest = robot.velocity_limit + robot.velocity_error
     robot.position_error = robot.position_error + fastest * clock_error
@@ -661,14 +660,14 @@ def attach_tool(
     """Attach what `[tool]` describes.
 
     Args:
-        robot: To whose link.
-        table: The tool.
-        rotation: Of its geometry in the frame of the link's joint. Shape (3, 3).
-        folder: Where a mesh is looked up.
+        robot: The robot that carries the tool.
+        table: The tool's table in the cell file.
+        rotation: Rotation of its geometry in the frame of the link's joint. Shape (3, 3).
+        folder: Folder that the path of a mesh is relative to.
 
     Raises:
         RobotError: The link, the geometry or the mesh file is unusable.
-        CoverError: No cover of it could be proved.
+        CoverError: No cover of the tool could be proved.
     """
     geometry = _make_geometry(table, folder)
     robot.attach(table.name, table.link, geometry, pinocchio.SE3(rotation, np.array(table.xyz)))

@@ -1,4 +1,4 @@
-"""The frames of a cell file, placed in the world, and what stands in them."""
+"""Places the frames of a cell file, and the statics in them, in the world."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNIT_TOLERANCE = 1e-3
 
 
 class Placement(NamedTuple):
-    """A frame in the world, and how far points given in it may be off by."""
+    """A frame in the world, and the greatest error of points given in it."""
 
     rotation: NDArray[np.float64]
     """World from frame. Shape (3, 3)."""
@@ -44,16 +44,16 @@ class Placement(NamedTuple):
 def resolve_frames(tables: CellTables, file: str) -> dict[str, Placement]:
     """Place "world", "base" (the robot's) and all frames of the file in the world, by name.
 
-    In a cell with several arms the base of each is a frame of the arm's name, and "base", of the
-    one that is watched, is no frame that the file can refer to.
+    In a cell with several arms, the base of each arm is a frame with the arm's name. The file
+    cannot name "base" then, which is the base of the watched arm.
 
     Args:
         tables: What the file says.
         file: What to call it in errors.
 
     Raises:
-        CellError: A frame has no known parent, is its own ancestor, has a name that is taken, or a
-            quaternion that is no rotation.
+        CellError: A frame has no known parent, is its own ancestor, has a name in use, or has a
+            quaternion that is not a rotation.
     """
     base = tables.robot.base
     rotation = read_rotation("robot.base.quaternion", base.quaternion, file)
@@ -99,11 +99,11 @@ def _resolve(
 
 
 def read_rotation(key: str, quaternion: Quaternion, file: str) -> NDArray[np.float64]:
-    """Rotation matrix of a quaternion (x, y, z, w), made unit. Shape (3, 3).
+    """Rotation matrix of a quaternion (x, y, z, w), which is normalised. Shape (3, 3).
 
     Args:
-        key: Where the file says it.
-        quaternion: As the file has it.
+        key: Key of the quaternion in the file.
+        quaternion: Value in the file.
         file: What to call the file in errors.
 
     Raises:
@@ -121,11 +121,11 @@ def read_rotation(key: str, quaternion: Quaternion, file: str) -> NDArray[np.flo
 def place_bodies(
     tables: Mapping[str, StaticTable], key: str, frames: dict[str, Placement], file: str
 ) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """What stands in a frame: points in the world, in [m], and radius with the frame's error, [m].
+    """Place bodies of a frame: points in the world, and radius with the frame's error, in [m].
 
     Args:
-        tables: What the file says of each, by name: `[statics]` or `[entrances]`.
-        key: Which of the two.
+        tables: Tables of the bodies by name: `[statics]` or `[entrances]`.
+        key: "statics" or "entrances".
         frames: All frames by name, as resolved.
         file: What to call the file in errors.
 

@@ -1,12 +1,11 @@
-"""What a controller is about to do: plans, checked against the robot and against where it is.
+"""Checks plans of a controller against the robot's limits and its present state.
 
-A `Plan` is the next piece of a trajectory, or all of it, with how far off it the arm may be.
-`check_plan` either refuses it, and says why, or hands back a `CheckedPlan`, which exists only if
-all of this holds: the curve through its samples keeps to the robot's limits everywhere, not just at
-samples, and ends at rest; it is due now; and the arm is where the plan begins, or follows it
-already.
+A `Plan` is the next piece of a trajectory, or all of it, with its tracking errors. `check_plan`
+either refuses it with a reason, or returns a `CheckedPlan`. A `CheckedPlan` exists only if the
+following holds. The curve through its samples keeps the robot's limits everywhere, not just at
+samples, and ends at rest. It is due now. The arm is at its beginning, or already follows it.
 
-Nothing is clamped or guessed. What is not within limits is refused.
+Nothing is clamped or guessed. A plan beyond limits is refused.
 """
 
 from __future__ import annotations
@@ -106,10 +105,10 @@ def check_plan(
     v: ArrayLike,
     stamp: float,
 ) -> CheckedPlan | Refusal:
-    """Check a plan; nothing that is given in it makes this raise.
+    """Check a plan; no content of it raises an error.
 
     Args:
-        plan: What the controller is about to do.
+        plan: The controller's plan.
         robot: Whose limits and errors apply.
         now: In [s] on the clock of all stamps.
         q: Measured joint positions, believed already, in [rad] or [m]. Shape (nv,).

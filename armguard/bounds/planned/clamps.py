@@ -1,4 +1,4 @@
-"""How far an arm on a course can still close a gap between two of its links.
+"""Bounds on how far an arm on a course can still close a gap between two of its links.
 
 A body part that is between two links is pressed by what the gap between them still closes.
 """

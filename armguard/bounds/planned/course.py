@@ -1,4 +1,4 @@
-"""Where an arm that follows a plan can be: a box of joint positions for each slab of time."""
+"""The course of an arm on a plan: a box of joint positions for each slab of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What compiled code finds wrong with a plan, and the same in words.
+"""Faults of a plan that compiled code finds, and their text.
 
 Kernels hand over the fields of a `Finding`, not that itself: Numba would look up its class at each
 call, which takes as long as all that they do.

@@ -1,4 +1,4 @@
-"""Whether a measured state, or another plan, agrees with a plan; and how fast an arm is off it."""
+"""Tests whether a measured state or another plan agrees with a plan; bounds deviation speeds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SHORTEST = 1e-9
 
 @kernel
 def _deviation_speed(deviation: float, acceleration: float, time: float) -> float:
-    """How fast what stays within +-deviation for `time` can be at either end of that time.
+    """Greatest speed, at either end of `time`, of a deviation that stays within +-`deviation`.
 
     With d the deviation, |d| <= e, and M its greatest acceleration, d(0) = d(s) - d'(0) s + r with
     |r| <= M s²/2, so |d'(0)| <= 2 e/s + M s/2 for every s up to `time`; s = 2 sqrt(e/M) is best.

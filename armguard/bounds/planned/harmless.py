@@ -1,4 +1,4 @@
-"""From when on a sphere of an arm on a course is harmless for good: slow enough until it rests.
+"""The time from which a sphere on a course stays harmless: slow enough until it is at rest.
 
 `surface_speed` bounds the speed of a sphere's points in a slab by its boxes of positions and
 velocities. What holds from a slab on is the greatest of these bounds. `BLOCK` slabs at a time are

@@ -1,8 +1,8 @@
-"""What the arm does if it follows a plan: obstacles are then all that is unknown.
+"""Motion model of an arm that follows a plan, so that only obstacles are unknown.
 
-The controller tells its next piece of trajectory, its stop included, and how far off it the arm may
-be. Where the arm can be until the end of the piece is laid out in slabs of time, and then asked for
-contact times as often as obstacles change.
+The controller sends its next piece of trajectory, including its stop, and its tracking errors. The
+region of the arm until the end of the piece is computed once, in slabs of time. Contact times are
+then computed whenever obstacles change.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from armguard.robot.robot import Robot
 class PlannedMotion:
     """The arm follows a plan within its deviation, to rest at its end.
 
-    What was proved of a piece is to stand until its end, and operating limits may cease to be in
-    force before: beside the piece itself it is the robot's own limits that count.
+    A proof about a piece must hold until its end, and operating limits can be suspended before. So
+    only the piece itself and the robot's own limits are assumed.
     """
 
     def __init__(
@@ -68,9 +68,9 @@ class PlannedMotion:
         Args:
             robot: The arm.
             base_placement: Placement of the robot's base in the world; None: they coincide.
-            in_force: How joints stop under the payload in force, shared; None: the robot's brakes
-                under the heaviest payload.
-            gaps: How distances between links can vary; None: nothing is clamped between links.
+            in_force: Brakes under the payload in force, shared; None: the robot's brakes under the
+                heaviest payload.
+            gaps: Bounds on distances between links; None: clamping between links is not considered.
 
         Raises:
             ArmguardError: The placement is no rigid motion, or a limit of the robot is missing or
@@ -116,16 +116,16 @@ class PlannedMotion:
         *,
         with_velocities: bool = False,
     ) -> PlannedCourse:
-        """Where the arm can be from when a piece was checked until it rests at the piece's end.
+        """Compute the course of the arm from the check of a piece until rest at its end.
 
         Args:
-            plan: What `armguard.bounds.check_plan` found to be in order for this robot.
+            plan: A plan that `armguard.bounds.check_plan` has accepted for this robot.
             before: Pieces that the arm may be following until this one begins; without any, joints
                 are free within their limits until then.
-            with_velocities: Whether to lay out how fast it can be as well, for contact limits.
+            with_velocities: Whether to compute its velocities as well, for contact limits.
 
         Returns:
-            Arrays of their own, good for any number of contact times.
+            The course, valid for any number of contact times.
 
         Raises:
             ArmguardError: A plan was not checked, or for a robot with other joints.
@@ -142,19 +142,20 @@ class PlannedMotion:
         *,
         with_velocities: bool = False,
     ) -> PlannedCourse | None:
-        """The same of a piece that joints may leave, each at any moment, to brake by themselves.
+        """Compute the course of a piece that each joint may leave at any moment to brake by itself.
 
         An arm that leaves one of the pieces before is on the course of that one.
 
         Args:
             plan: What `armguard.bounds.check_plan` found to be in order for this robot.
             before: Pieces that the arm may be following until this one begins.
-            latency: Until the arm follows it at the latest, in [s].
+            latency: Latest time until the arm follows it, in [s].
             with_velocities: As for `lay_out`.
 
         Returns:
-            None where a joint may be faster than its brakes are stated for, and where the piece is
-            yet to begin and follows none: no brakes are known of joints that are free until then.
+            None if a joint may be faster than its brakes are stated for, or if the piece begins
+            later and follows no other piece: the brakes of joints that are free until then are
+            unknown.
 
         Raises:
             ArmguardError: A plan was not checked, or for a robot with other joints.
@@ -167,7 +168,7 @@ class PlannedMotion:
 
     @property
     def brakes(self) -> BrakeCurves:
-        """How joints stop under the payload in force."""
+        """The brakes under the payload in force."""
         return self._limits.brakes
 
     def _check(self, plan: object, before: Sequence[CheckedPlan] = ()) -> None:
@@ -187,7 +188,7 @@ class PlannedMotion:
     def _place(
         self, plan: CheckedPlan, before: Sequence[CheckedPlan], slabs: Slabs
     ) -> PlannedCourse:
-        """Where the arm is in the middle of each slab, and the balls around all that it sweeps."""
+        """Place the arm in the middle of each slab; compute balls around everything it sweeps."""
         times, boxes, speeds = slabs
         if plan.stamp > plan.now:
             for one in before:
@@ -213,22 +214,22 @@ class PlannedMotion:
         permitted: Permissions | None = None,
         tethers: Tethers | None = None,
     ) -> PlannedContact:
-        """Earliest possible contact on a course; inf if there is none before the arm rests.
+        """Earliest possible contact on a course; inf if there is none before the arm is at rest.
 
-        Contact of a resting arm does not count: that is the obstacle's doing. Nor does one that
-        contact limits permit, on a course with velocities.
+        Contact with an arm at rest does not count, since the obstacle causes it. On a course with
+        velocities, contact that contact limits permit does not count either.
 
         Args:
-            course: Of a plan that the arm follows, or would.
-            pairs: Pair numbers, obstacle row × links + link, those to be ignored left out;
-                quickest in ascending order. Shape (m,), int64.
-            now: In [s] on the clock of all stamps; within the course, else the answer is 0.
+            course: Course of a plan that the arm follows or would follow.
+            pairs: Pair numbers, obstacle row × links + link, without ignored pairs; fastest in
+                ascending order. Shape (m,), int64.
+            now: Time in [s] on the clock of all stamps; outside the course the result is 0.
             margin: Distance that counts as contact already, in [m].
             bodies: Accepted states, by row.
-            refused_bodies: Refused samples beside them, which may be true as well.
-            marks: Which of those there are; where there is neither, the answer is 0.
-            permitted: What contact is permitted; None: none.
-            tethers: Between the obstacles; None: none.
+            refused_bodies: Refused samples, which may be true as well.
+            marks: Which of these states exist; the result is 0 for a row without any.
+            permitted: Permitted contact; None: none.
+            tethers: Tethers between the obstacles; None: none.
         """
         pairs = np.ascontiguousarray(pairs, dtype=np.int64)
         # What is compiled for whole numbers would cut off all others that come later.
@@ -264,24 +265,24 @@ class PlannedMotion:
     ) -> float:
         """Bound on a point's displacement along a direction at every time in [0, t], in [m].
 
-        It is counted from where the point would be, were every joint where the plan has it when
-        the course begins (where it was measured, if the plan begins later). Unlike that of other
-        models it includes what joints may be off at that time.
+        It is measured from the point's position with every joint on the plan at the beginning of
+        the course (or at its measured position, if the plan begins later). Unlike in other models,
+        it includes the errors of joints at that time.
 
         Args:
-            course: What `lay_out` made of the plan.
+            course: Result of `lay_out` for the plan.
             plan: That plan.
             link: Name of the link that carries the point.
             point: In the frame of the link's parent joint, in [m]. Shape (3,).
             direction: Unit vector in the world. Shape (3,).
-            t: From the beginning of the course, in [s], >= 0.
+            t: Time from the beginning of the course, in [s], >= 0.
 
         Returns:
             Never negative, and never falling as t grows.
 
         Raises:
-            ArmguardError: An unknown link, a wrong shape, a value that is not finite, a negative
-                time, or a direction that is no unit vector.
+            ArmguardError: The link is unknown, a shape is wrong, a value is not finite, the time is
+                negative, or the direction is not a unit vector.
         """
         local, along = check_question(point, direction, t)
         robot, kinematics = self._robot, self._kinematics

@@ -1,4 +1,4 @@
-"""The arm in many configurations at once: joints, Jacobians, and the balls around what it sweeps.
+"""Places the arm in many configurations at once: joints, Jacobians, and balls around its sweep.
 
 Pinocchio places one configuration a call, which costs more to call than to compute. A course has
 some fifty, so the chain of joints is laid out here once, as Pinocchio has it, and followed by

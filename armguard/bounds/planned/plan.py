@@ -1,6 +1,6 @@
-"""Plans as controllers hand them over, and reading them: well formed, or refused with a reason.
+"""Plans of controllers, and the check that they are well formed.
 
-A plan is a piece of trajectory that carries its own stop: it ends at rest.
+A plan is a piece of trajectory that contains its own stop: it ends at rest.
 """
 
 from __future__ import annotations
@@ -17,54 +17,56 @@ from armguard.jit.handle import machine_code
 from armguard.jit.kernels import kernel
 
 MOST_SAMPLES = 20_000
-"""Beyond this it is no next piece; bounds the time that a check takes."""
+"""Greatest number of samples of a plan; bounds the time of a check."""
 
 
 LONGEST = 1e6
-"""Nor is what lasts longer, in [s]; times up to this are exact to a nanosecond."""
+"""Longest duration of a plan, in [s]; times up to this are exact to 1 ns."""
 
 
 NUMBER = np.dtype(np.float64)
-"""What arrays of plans hold in compiled code."""
+"""Type of plans' arrays in compiled code."""
 
 
 class Plan(NamedTuple):
-    """A piece of trajectory, cubic between samples, at whose end the arm rests, and stays."""
+    """A piece of trajectory, cubic between samples, at whose end the arm is and stays at rest."""
 
     stamp: float
-    """When the arm is at the first sample, in [s] on the clock of the joint states."""
+    """Time of the first sample, in [s] on the clock of the joint states."""
     times: ArrayLike
-    """Of the samples, counted from `stamp`, in [s]; rising from 0. Shape (k,), k >= 2."""
+    """Times of the samples, counted from `stamp`, in [s]; increasing from 0. Shape (k,), k >= 2."""
     q: ArrayLike
     """Joint positions in the order of `robot.joints`, in [rad] or [m]; those of continuous joints
     may wrap. Shape (k, nv)."""
     v: ArrayLike
     """Joint velocities, in [rad]/[s] or [m]/[s]. Shape (k, nv)."""
     tracking_error: ArrayLike
-    """How far each joint may be off the curve until it rests, in [rad] or [m], above 0;
-    `robot.position_error` comes on top, so it may be what the controller sees. Shape (nv,)."""
+    """Greatest distance of each joint from the curve until it is at rest, in [rad] or [m], above 0.
+    `robot.position_error` is added, so this can be the error that the controller measures. Shape
+    (nv,)."""
     velocity_tracking_error: ArrayLike | None = None
-    """How far each velocity may be off the curve's, in [rad]/[s] or [m]/[s], above 0;
-    `robot.velocity_error` comes on top. None: what follows from `tracking_error` and the limits on
-    accelerations, which is much. Shape (nv,)."""
+    """Greatest difference of each velocity from the curve's, in [rad]/[s] or [m]/[s], above 0.
+    `robot.velocity_error` is added. None: the bound that follows from `tracking_error` and the
+    acceleration limits, which is large. Shape (nv,)."""
 
 
 class CheckedPlan(NamedTuple):
-    """A plan that `check_plan` has found within limits and followed. It ends at rest.
+    """A plan that `check_plan` has accepted: within limits, followed by the arm, ending at rest.
 
     Arrays are its own, contiguous and of float64; those of its samples are read-only.
     """
 
     stamp: float
-    """When the arm is at the first sample, in [s]."""
+    """Time of the first sample, in [s]."""
     times: FloatArray
-    """Of the samples, counted from `stamp`, in [s]. Shape (k,)."""
+    """Times of the samples, counted from `stamp`, in [s]. Shape (k,)."""
     q: FloatArray
     """[rad] or [m]. Shape (k, nv)."""
     v: FloatArray
     """[rad]/[s] or [m]/[s]. Shape (k, nv)."""
     deviation: FloatArray
-    """How far joints may truly be off the curve, all errors included, in [rad] or [m]. (nv,)."""
+    """Greatest true distance of joints from the curve, all errors included, in [rad] or [m].
+    (nv,)."""
     acceleration: FloatArray
     """Greatest acceleration of the deviation of joints from the curve: the robot's limit and the
     curve's greatest together, in [rad]/[s²] or [m]/[s²]. Shape (nv,)."""
@@ -105,10 +107,10 @@ def is_plain(plan: CheckedPlan, joints: int) -> bool:
 
 
 class Refusal(NamedTuple):
-    """Why a plan cannot be relied on."""
+    """Why a plan was refused."""
 
     subject: str
-    """What is at fault: the plan, one of its fields, a joint."""
+    """The offender: the plan, one of its fields, or a joint."""
     detail: str
     """Value found and value expected, in plain words."""
 

@@ -1,9 +1,9 @@
-"""Where the joints of an arm that follows a plan can be: a box for each of many short times.
+"""Boxes of joint positions of an arm that follows a plan, one for each slab of time.
 
-*A piece that carries its own stop* is followed to its end, where the arm rests: joints are on its
-curve, give or take their deviation. Until it begins they are on the pieces that the arm may be
-following, or free within their limits where there is none. If the arm may leave it, each joint is
-on it until a time of its own, at any moment, and brakes by itself from then on.
+A piece that contains its own stop is followed to its end, where the arm is at rest: joints are on
+its curve within their deviation. Until it begins, they are on the pieces that the arm may be
+following, or free within their limits if there is none. If the arm may leave the piece, each joint
+can leave it at any moment, and brakes by itself from then on.
 
 Where contact limits are stated there are boxes of velocities as well. On a piece a velocity is that
 of its curve, within what the controller states, or else within what any joint keeps that can stay

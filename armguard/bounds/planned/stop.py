@@ -1,4 +1,4 @@
-"""Stops that a plan carries: joint by joint, or on its path; and their check.
+"""Stops of plans, joint by joint or on the path, and their check.
 
 Joint by joint, each joint decelerates by what its brake guarantees. On the path, all joints slow
 down together: with s the path time, the arm at q(s) and the clock's pace ds/dt = w, a joint's
@@ -43,10 +43,10 @@ little more than the path does."""
 
 
 def append_stop(plan: Plan, braking: FloatArray) -> Plan | Refusal:
-    """The plan with a stop at its end, joint by joint; or what is wrong with it.
+    """The plan with a stop at its end, joint by joint; or a refusal.
 
     Args:
-        plan: Anything at all.
+        plan: Any object; a malformed plan is refused.
         braking: Guaranteed decelerations, in [rad]/[s²] or [m]/[s²]. Shape (nv,).
 
     Returns:
@@ -69,7 +69,7 @@ def append_stop(plan: Plan, braking: FloatArray) -> Plan | Refusal:
         more_v = v[-1] * left
         more_times = times[-1] + lasting[:, 0]
     if not (np.isfinite(more_q).all() and (np.diff(more_times, prepend=times[-1]) > 0.0).all()):
-        return Refusal("plan", f"ends at {pace.max():.4g}, from which no stop can be reckoned")
+        return Refusal("plan", f"ends at {pace.max():.4g}, from which no stop can be computed")
     return read._replace(
         times=np.concatenate([times, more_times]),
         q=np.concatenate([q, more_q]),
@@ -80,32 +80,31 @@ def append_stop(plan: Plan, braking: FloatArray) -> Plan | Refusal:
 def stop_on_path(
     robot: Robot, plan: Plan, payload: float | None = None, *, at: float | None = None
 ) -> Plan:
-    """The plan with a stop on its path: all joints slow down together, by the clock of the plan.
+    """The plan with a stop on its path: all joints slow down together, by the plan's clock.
 
     The arm follows the plan until `at`. From then on the plan's clock slows down at a constant
-    rate, the greatest for which no joint has to brake harder than guaranteed. Where the plan ends
-    before the clock has stopped, the arm goes straight on. A stop that begins at the plan's end
-    is no harder than the stated stopping times and distances. One that begins before relies only on
-    decelerations that are guaranteed at each instant, at the speeds that joints have while they
-    stop.
+    rate, the greatest at which no joint must brake harder than guaranteed. If the plan ends before
+    the clock has stopped, the arm continues straight on. A stop that begins at the plan's end is no
+    harder than the stated stopping times and distances. A stop that begins earlier uses only
+    decelerations that are guaranteed at each instant, at the joints' speeds during the stop.
 
-    Nothing else of the plan is checked here, nor what is ahead: `Monitor.commit` judges the result.
+    This function does not check the rest of the plan or any obstacles: `Monitor.commit` judges the
+    result.
 
     Args:
         robot: The arm.
         plan: A piece of trajectory; it need not end at rest.
-        payload: What the arm carries at most, tool included, in [kg]; None: the heaviest that its
-            brakes are stated for.
-        at: When the stop begins, in [s] as in the plan's times; within a microsecond of a sample,
+        payload: Greatest payload, tool included, in [kg]; None: the heaviest payload of its brakes.
+        at: Beginning of the stop, in [s] as in the plan's times; within 1 µs of a sample, it begins
             at that sample. None: at the plan's end.
 
     Returns:
-        The plan until `at`, and samples of the stop, at the end of which the arm rests.
+        The plan until `at`, and samples of the stop, at whose end the arm is at rest.
 
     Raises:
         ArmguardError: The plan is malformed, `at` is not within its times, the payload or the speed
-            of a joint is beyond what brakes are stated for, or the path bends harder than brakes
-            guarantee. The joint is named.
+            of a joint is beyond the stated brakes, or the path bends too much for the guaranteed
+            braking. The message names the joint.
     """
     read = read_plan(plan, len(robot.joints))
     if isinstance(read, Refusal):

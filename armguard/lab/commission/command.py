@@ -1,4 +1,4 @@
-"""`armguard commission`: figures of an arm from a recording of a few stops, as lines to paste."""
+"""`armguard commission`: prints figures of an arm from a recording of stops, as lines to paste."""
 
 from __future__ import annotations
 

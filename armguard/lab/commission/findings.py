@@ -1,4 +1,4 @@
-"""All that commissioning finds, and what it does not find, by name."""
+"""The results of commissioning, and the figures that could not be measured, by name."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def commission(seen: Observations) -> Findings:
     if open_ones:
         response = float("nan")
         missing.append(
-            "reaction time: a STOP may have been obeyed later than was measured, or not at all: "
+            "reaction time: a STOP may have been obeyed later than measured, or not at all: "
             + ", ".join(f"{told:.3f} s" for told in sorted({one.command.told for one in open_ones}))
         )
     if not stops:

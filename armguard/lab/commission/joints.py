@@ -1,4 +1,4 @@
-"""What joints and their controller kept to: speeds, accelerations, errors of states and plans."""
+"""Measures speeds, accelerations, errors of states and tracking errors of joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was found as lines of a cell file and of a robot.toml, each with what it rests on."""
+"""Writes results as lines of a cell file and of a robot.toml, each with its basis."""
 
 from __future__ import annotations
 

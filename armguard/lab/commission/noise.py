@@ -1,4 +1,4 @@
-"""How far samples of something smooth scatter about it, and how fast it changes there."""
+"""Estimates the noise of samples of a smooth curve, and the curve's slope."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording holds that commissioning looks at, as arrays over time."""
+"""The data of a recording that commissioning uses, as arrays over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often a source speaks, how old its messages are, and how far its positions scatter."""
+"""Measures the rate of a source, the age of its messages, and the noise of its positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A STOP as a measurement: when a joint began to slow down, and how long and far it still went.
+"""Measures a STOP: when a joint began to slow down, and its stopping time and distance.
 
 A joint's speed is taken as two straight lines: as it was, and slowing down. The break between them
 is where the brakes bit. How closely the samples fix it is told by their squares: times at which the

@@ -1,4 +1,4 @@
-"""Starts the demo's processes, shows what they say, and ends them all.
+"""Starts the demo's processes, shows their output, and ends them all.
 
     perception ──obstacles──▶ armguard run ──verdicts──▶ robot
                                  ▲    │                    │

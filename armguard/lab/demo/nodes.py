@@ -1,4 +1,4 @@
-"""The demo's perception and robot, each a process of its own, on the streams that users use.
+"""The demo's perception and robot, each in its own process, on the public streams.
 
 Both begin when the monitor's first verdict arrives, so that nothing is missed while it starts, and
 both end by themselves when their parent has gone.

@@ -1,4 +1,4 @@
-"""Where each arm of the demo stands, and where it works: clear of where people come from, -y."""
+"""Placement and workspace of each arm in the demo, away from -y, where people come from."""
 
 from __future__ import annotations
 

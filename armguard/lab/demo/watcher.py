@@ -1,4 +1,4 @@
-"""Watches the demo's processes: shows what they say, and which of them has died.
+"""Watches the demo's processes: shows their output, and reports ended ones.
 
 A monitor must go on without its observers, and does. A demo without its robot or its perception
 shows nothing but STOP, so it ends, and says why.
@@ -133,7 +133,7 @@ class Watcher:
     def _ended(self) -> bool:
         self._tell_log()
         if self._page is not None and not self._page.running:
-            self._console.print("the page has ended; the demo goes on without it")
+            self._console.print("the browser page has ended; the demo continues without it")
             self._page = None
         return self._monitor.poll() is not None or bool(self._describe_death())
 

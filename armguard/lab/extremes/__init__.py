@@ -1,1 +1,1 @@
-"""What happens at the extremes: sound, how tight, at what price, or refused, and why."""
+"""Study of extreme numbers: whether answers are sound, how tight, at what cost, or refused."""

@@ -1,4 +1,4 @@
-"""A body and an arm that do their worst, within their bounds: how soon could they really touch?
+"""An adversarial body and arm: the earliest real contact within their bounds.
 
 A contact that is found here is possible, so no honest contact time is later, and how much earlier
 an answer is says how tight it is. Nobody claims that these two play their best: the true first

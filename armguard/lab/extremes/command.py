@@ -1,4 +1,4 @@
-"""`armguard extremes`: what armguard does far away from everyday numbers."""
+"""`armguard extremes`: tests armguard with extreme numbers."""
 
 from __future__ import annotations
 

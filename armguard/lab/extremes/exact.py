@@ -1,4 +1,4 @@
-"""When free bodies could touch at the earliest, in exact rational arithmetic.
+"""The earliest contact of free bodies, in exact rational arithmetic.
 
 Two bodies on known courses, each of which may stray from its own by half its acceleration bound
 times the time squared, could touch once their distance is no more than both may have strayed and

@@ -1,4 +1,4 @@
-"""`armguard faults`: one fault after the other against a running cell, each judged.
+"""`armguard faults`: injects one fault after the other into a running cell, and judges each.
 
 Each fault begins when the people set out for the arm, in a cell that is sound by its verdicts, and
 lasts while they come near. Then it ends, what was killed is started anew, what is latched is reset,

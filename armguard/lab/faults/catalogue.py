@@ -1,4 +1,4 @@
-"""The faults of the campaign: what is done to which process or stream, and what must tell of it."""
+"""The faults of the campaign: the process or stream, the disturbance, and the required sign."""
 
 from __future__ import annotations
 

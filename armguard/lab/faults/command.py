@@ -1,4 +1,4 @@
-"""`armguard faults`: makes the campaign, shows how far it is, and what it found."""
+"""`armguard faults`: runs the campaign, shows its progress and its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of a stream: what happens to messages between a sound sender and the monitor.
+"""Disturbances of a stream between a sound sender and the monitor.
 
 A disturbance changes, delays, repeats or drops messages from one time to another. Outside of that
 time a disturbed publisher is a publisher.

@@ -1,4 +1,4 @@
-"""What is heard of a monitor from outside: its verdicts, and its lines on standard error.
+"""Receives a monitor's output: its verdicts, and its lines on standard error.
 
 All times are those of hearing, on the machine's monotonic clock, in [s]: what an arm would hear,
 and when. Verdicts are kept where they change.

@@ -1,4 +1,4 @@
-"""`armguard robot new`: from a URDF to a folder that every command takes where it takes a robot."""
+"""`armguard robot new`: makes a robot folder from a URDF, which every command accepts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a URDF says of an arm's limits, and what is usual where it says nothing.
+"""Limits of an arm from its URDF, and default values for missing ones.
 
 What is usual is DERIVED where the model file's efforts and inertias allow it, and CHOSEN otherwise,
 as in the robots that armguard knows; the source in robot.toml begins with that word.

@@ -1,4 +1,4 @@
-"""Asks for what a URDF lacks: on a terminal, by options, or takes what is usual.
+"""Asks for values that a URDF lacks: on a terminal, by options, or by default values.
 
 An option comes first, then what the model file has. What is still missing is asked for on a
 terminal, where Enter takes what is usual; elsewhere it is a mistake that names the option, unless
@@ -16,7 +16,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from armguard.exceptions import RobotError
 
-GIVEN = "GIVEN to `armguard robot new`: write here where it comes from"
+GIVEN = "GIVEN to `armguard robot new`: replace this text with the source of the value"
 """Source of what a user answers."""
 
 Range = tuple[float, float]

@@ -1,4 +1,4 @@
-"""Where the model file of a new robot comes from, and what its robot.toml calls it."""
+"""Locates the model file of a new robot, and its name in robot.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes a robot.toml, in the order and with the comments of those that armguard comes with."""
+"""Writes a robot.toml in the same order and with the same comments as the known robots have."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the paper that the schedules come from claims of them, measured on a world like its own."""
+"""Measures the claims of the paper about its schedules, in a world like that of the paper."""

@@ -1,4 +1,4 @@
-"""`armguard paper`: what the paper claims of its schedules, measured from 3 to 100,000 pairs."""
+"""`armguard paper`: measures the paper's claims about its schedules, with 3 to 100,000 pairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each schedule of the paper costs among more and more pairs, and what it gets for that.
+"""Measures costs and results of each schedule of the paper for growing numbers of pairs.
 
 All schedules are shown one world at a time, tick by tick, beside the contact times of all pairs.
 Costs are counted, evaluations and comparisons, as well as timed: counts are the same on every

@@ -1,4 +1,4 @@
-"""A simulated arm that obeys the monitor: it follows a trajectory at the speed it is allowed.
+"""A simulated arm that obeys the monitor: it follows a trajectory at the permitted speed.
 
 Real controllers do two things with a verdict: they scale their speed along the path, or they
 brake. Both are here. Slowing keeps to the path. Braking does not: every joint decelerates by its

@@ -1,4 +1,4 @@
-"""Recordings of real people, played as a perception system would have seen them, warts and all.
+"""Plays recordings of real people as a perception system would report them, with all faults.
 
 Reads CSV as exported by Vicon's motion capture software. What the cameras did not see is not
 published, and markers that were swapped jump as they did: filtering with hindsight would hide what

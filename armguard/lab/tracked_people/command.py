@@ -1,4 +1,4 @@
-"""`armguard people`: what recordings of tracked people say, on one page, and lines to paste."""
+"""`armguard people`: prints measurements of recordings of tracked people, and lines to paste."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of tracked people: bounds that break, joints that are hidden, bones, errors.
+"""Measurements of tracked people: broken bounds, hidden joints, bone lengths, errors.
 
 Two errors are found from the samples themselves. *Jitter*: fourth differences of positions have
 little left of people's motion, and 8.4 times the noise of each sample. Their median is unmoved by

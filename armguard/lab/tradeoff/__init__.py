@@ -1,1 +1,1 @@
-"""What accuracy costs: one scene, the same states for all, through the ladder of settings."""
+"""Measures what accuracy costs: runs one scene with all settings of the ladder."""

@@ -1,4 +1,4 @@
-"""`armguard tradeoff`: one scene through the ladder of settings, and a report to choose by."""
+"""`armguard tradeoff`: runs one scene with all settings of the ladder, and writes a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One setting at work: its own table and monitor, what each tick said and what it took.
+"""One setting in the study: its own table and monitor, its verdicts and its costs.
 
 Durations are processor time of this thread, so that what else the machine does counts as little as
 it can. The states are made before each timer starts.

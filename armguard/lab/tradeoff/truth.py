@@ -1,4 +1,4 @@
-"""What really happened in a scene: where the arm's true surface was, and what touched it.
+"""The ground truth of a scene: the arm's true surface, and the contacts with it.
 
 It knows nothing of covers, bounds or contact times: the corners of the links' meshes, placed by
 Pinocchio, and distances to the bodies as they were told. A corner is on the link, so what is found

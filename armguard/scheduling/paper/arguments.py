@@ -1,4 +1,4 @@
-"""What schedules are handed, checked once and alike for all of them.
+"""Checks the arguments of all schedules.
 
 A schedule that quietly took a pair twice, or a result for the wrong pair, would leave another one
 without a look. So numbers are checked before anything changes, and a doubtful time counts as 0.

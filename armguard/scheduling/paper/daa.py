@@ -1,4 +1,4 @@
-"""The Dynamic Awareness Algorithm: look at each pair as often as its imminence demands.
+"""The Dynamic Awareness Algorithm: evaluates each pair as often as its imminence requires.
 
 Built on [Awareness]_, sections 4 and 5. Pairs stand in an array of places, the most imminent in
 front, and the places are parted into buckets that grow towards the end. Each tick visits one place

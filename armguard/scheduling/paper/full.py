@@ -1,4 +1,4 @@
-"""Every pair in every tick, by contact time (full-DAA) or by distance alone (full-DF).
+"""Evaluates every pair in every tick, by contact time (full-DAA) or by distance alone (full-DF).
 
 The two references of [Awareness]_: nothing is missed and nothing is saved. By distance is what is
 usually done: the nearest pair first, whichever way it moves. Here they differ only in what they are

@@ -1,4 +1,4 @@
-"""The partition of the places 1 … M into buckets, and whose turn it is.
+"""The partition of the places 1 … M into buckets, and the bucket of each turn.
 
 The arithmetic of [Awareness]_, section 4, apart from everything else so that it can be checked by
 hand. Bucket k has `sizes[k]` places from `bases[k]` on and one of them is visited in each tick, so

@@ -44,7 +44,7 @@ export class Feed {
     };
     socket.onclose = ({ reason }) => {
       if (this.socket === socket) this.socket = null;
-      if (this.isResetting) this.tell("the view went away: the reset may not have arrived; reset again if the STOP is still latched");
+      if (this.isResetting) this.tell("the view disconnected: the reset may not have arrived; reset again if the STOP is still latched");
       this.parted(reason);
       setTimeout(() => this.connect(), RETRY);
     };

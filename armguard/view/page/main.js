@@ -28,7 +28,7 @@ const film = document.getElementById("film");
 try {
   viewer = makeStage(element("pane"));
 } catch (error) {
-  notice("This browser draws no 3D here (WebGL is missing or switched off). Everything else goes on.");
+  notice("This browser cannot draw 3D (WebGL is missing or switched off). The panels still work.");
 }
 const panels = new Panels((token) => source.reset(token), showDepth);
 const colours = new Colours(recolour);
@@ -153,15 +153,15 @@ function showState() {
   } else if (news.status && isSilent) {
     [headline, text] = ["STARTING", news.status];
   } else if (verdict !== null && !isSilent && verdict.sequence === 0) {
-    [headline, text] = ["WAITING", "for the robot's joint states; STOP until they come"];
+    [headline, text] = ["WAITING", "for the robot's joint states; the level is STOP until they arrive"];
   } else if (isSilent && lastNews === null) {
     [headline, text] = news.connected
-      ? ["STARTING", "the monitor is there and has not said anything yet"]
+      ? ["STARTING", "the monitor is connected and has not sent anything yet"]
       : ["WAITING", `for a monitor at ${news.address}`];
   } else if (isSilent) {
     headline = "NO DATA";
     text = news.connected === false
-      ? `the monitor has gone, ${age(silence)} ago (last: ${verdict ? verdict.level : "nothing"}); waiting for it at ${news.address}`
+      ? `the monitor has disconnected, ${age(silence)} ago (last: ${verdict ? verdict.level : "nothing"}); waiting for it at ${news.address}`
       : `no data for ${age(silence)} (last: ${verdict ? verdict.level : "nothing"})`;
   } else if (news.over && film === null) {
     text = news.status;

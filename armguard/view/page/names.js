@@ -32,7 +32,7 @@ export class Names {
     tip.hidden = hit === null;
     if (hit === null) return;
     tip.textContent = hit.time === undefined ? hit.name
-      : `${hit.name}: ${hit.time < Infinity ? `contact time ${seconds(hit.time)}` : "no contact in sight"}`;
+      : `${hit.name}: ${hit.time < Infinity ? `contact time ${seconds(hit.time)}` : "no contact possible"}`;
     const { width, height } = this.viewer.dom_element.getBoundingClientRect();
     const x = event.offsetX, y = event.offsetY;
     tip.style.left = x > width - 200 ? "" : `${x + 14}px`;

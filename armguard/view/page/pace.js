@@ -55,6 +55,6 @@ export class Pace {
     this.since = 0;
     this.viewer.renderer.setPixelRatio(SHARES[this.step] * this.full);
     this.viewer.set_dirty();
-    this.tell(`pictures take ${median.toFixed(0)} ms in this browser: drawn with fewer pixels`);
+    this.tell(`a frame takes ${median.toFixed(0)} ms in this browser, so it is drawn with fewer pixels`);
   }
 }

@@ -78,7 +78,7 @@ export class Panels {
     const lines = verdict.reasons.map((text, k) => item(text, verdict.effects[k]))
       .filter((_, k) => verdict.effects[k] !== "latched" || !verdict.latches.length);
     if (!verdict.complete && verdict.sequence > 0) {
-      lines.push(item("not every pair was looked at in time"));
+      lines.push(item("not every pair was evaluated in time"));
     }
     lines.push(...verdict.notes.map((text) => item(text, "remark")));
     update(element("reasons"), lines);
@@ -86,8 +86,8 @@ export class Panels {
     update(element("explanation"), verdict.explanation.map((text) => item(text)));
     element("asking").hidden = !verdict.asking;
     element("hint").textContent = this.scene.is_being_recorded
-      ? "the recording of this run tells what would have avoided it:"
-      : "a recording tells what would have avoided it: start the run with --record FILE, then ask";
+      ? "the recording of this run shows what would have avoided it:"
+      : "a recording shows what would have avoided it: start the run with --record FILE, then run";
     update(element("command"), verdict.asking.split(/( )/).map((word) => {
       const part = document.createElement("span"); // a line ends between words, never at a hyphen
       part.textContent = word;
@@ -121,7 +121,7 @@ export class Panels {
     element("speed").textContent = `${(100 * share).toFixed(0)} %`;
     const text = command === null ? ""
       : command.is_proved ? command.reason && `slower: ${command.reason}`
-      : `not proved any more, the arm is to brake${command.reason && ": "}${command.reason}`;
+      : `not proved any more, the arm must brake${command.reason && ": "}${command.reason}`;
     element("slower").textContent = text;
     element("slower").hidden = command === null;
   }
@@ -192,8 +192,8 @@ export class Panels {
       return row;
     }));
     element("remedy").textContent = this.scene.obeys_reset
-      ? "The command line has the token."
-      : "This run obeys no reset: start it again, with --reset-token TOKEN.";
+      ? "The token is on the command line of the run."
+      : "This run refuses resets: restart it with --reset-token TOKEN.";
   }
 
   // The legend of the buckets: the colour and the times of each, and room for how many pairs it has.

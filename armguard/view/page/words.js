@@ -3,7 +3,7 @@
 export const element = (id) => document.getElementById(id);
 
 export function seconds(value) {
-  if (!(value < Infinity)) return value === Infinity ? "none in sight" : "unknown";
+  if (!(value < Infinity)) return value === Infinity ? "none possible" : "unknown";
   return value < 0.9995 ? `${(1000 * value).toFixed(0)} ms` : `${value.toFixed(value < 10 ? 2 : 1)} s`;
 }
 
