@@ -48,7 +48,7 @@ class IgnoreTable(_Table, kw_only=True):
     """An entry of `ignore` that holds in one zone."""
 
     link: Name
-    """Link, or pattern of links."""
+    """Pattern of links."""
     ids: Name
     """Pattern of obstacle ids."""
     source: Name | None = None
@@ -132,7 +132,7 @@ class ObstacleTopicTable(_Table, kw_only=True):
     """`[robot.driver.obstacles.<source>]`: a topic of obstacles."""
 
     topic: Name
-    """Topic, such as `"/people"`."""
+    """Its name, such as `"/people"`."""
     type: Name
     """One of [these](ros2.md#what-comes-in)."""
     radius: NotNegative | None = None
@@ -184,15 +184,15 @@ class _AnyArmTable(_Table):
     """Keys that `[robot]` and `[[robots]]` share."""
 
     urdf: Name | None = None
-    """URDF of another robot."""
+    """Path of another robot's URDF."""
     limits: Name | None = None
-    """Its robot.toml; needed with `urdf`."""
+    """Path of its robot.toml; needed with `urdf`."""
     package_dirs: list[Name] = []
     """Folders for `package://` names; with `urdf`."""
     joints: list[Name] | None = None
     """Watched joints; of one arm with `urdf`, of several also by pattern, such as `["left_*"]`."""
     cover: Name | None = None
-    """A cover.json from `armguard cover`."""
+    """Path of a cover.json from `armguard cover`."""
     level: Annotated[int, Meta(ge=0)] | None = None
     """Finest cover level; 0: one sphere per link."""
     base: BaseTable = BaseTable()
@@ -209,7 +209,7 @@ class RobotTable(_AnyArmTable):
     """`[robot]`: a known robot, or a URDF with a file of limits."""
 
     name: Name | None = None
-    """A robot of `armguard robots`, or a folder of one; or give `urdf`."""
+    """Robot of `armguard robots`, or folder of one; or give `urdf`."""
 
 
 class StampTable(_Table):
@@ -301,9 +301,9 @@ class TetherTable(_Table, kw_only=True):
     """`[[tethers]]`: two [tethered](obstacles.md#tethers) obstacles of one source."""
 
     a: Name
-    """One obstacle id."""
+    """One id."""
     b: Name
-    """The other obstacle id."""
+    """The other id."""
     length: NotNegative
     """Greatest distance of a centre point of either from the other's hull, in [m]."""
     source: Name
@@ -325,7 +325,7 @@ class ToolTable(_Table):
     name: Name
     """Name in verdicts."""
     link: Name
-    """Link that carries it."""
+    """Its link."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position in the frame of the link's joint, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -339,7 +339,7 @@ class ToolTable(_Table):
     cylinder: RoundTable | None = None
     """`{ radius = …, length = … }` along z, in [m]."""
     mesh: Name | None = None
-    """An STL, OBJ or DAE file."""
+    """Path of an STL, OBJ or DAE file."""
     mesh_scale: Positive = 1.0
     """Length factor; 0.001 for millimetres."""
 
@@ -440,10 +440,10 @@ class ClientTable(_Table):
 
 
 class KeysTable(_Table):
-    """`[keys]`: the only [clients](keys.md) that can connect."""
+    """`[keys]`: the monitor's secret and its only [clients](keys.md)."""
 
     secret: Name
-    """The monitor's secret file from `armguard keys new`."""
+    """Path of the secret file from `armguard keys new`."""
     clients: dict[Name, ClientTable] = {}
     """Clients, by name."""
 
@@ -458,7 +458,7 @@ class CellTables(_Table, kw_only=True):
     settings: Literal["auto", "stated"] = "stated"
     """`"auto"`: a [trial](settings.md) chooses what `[monitor]` and `robot.level` leave out."""
     settings_from: Name | None = None
-    """Recording for the trial."""
+    """Path of the recording for the trial."""
     robot: RobotTable = RobotTable()
     """The arm. Either this or `robots`."""
     robots: list[ArmTable] = []
