@@ -345,7 +345,7 @@ class ToolTable(_Table):
 
 
 class ArmTable(_AnyArmTable, kw_only=True):
-    """`[[robots]]`: one of several arms, with its own monitor; it can have a `tool`."""
+    """`[[robots]]`: one of several arms, with its own monitor and `tool`."""
 
     name: Name
     """Unique name; `arm` in joint states."""
