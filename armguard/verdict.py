@@ -61,147 +61,135 @@ class ReasonKind(enum.Enum):
     CONTACT = (
         "contact possible",
         Effect.NOTE,
-        "Nothing is wrong: the level rests on this pair. `monitor.explain()` and `armguard replay "
-        "--explain` say what would buy time.",
+        "Do nothing: this pair decides the level. `monitor.explain()` and `armguard replay "
+        "--explain` say more.",
     )
     CONTACT_ALLOWED = (
         "contact allowed",
         Effect.NOTE,
-        "If this contact is permitted, nothing; else remove the contact limit "
-        "(docs/contact_limits.md).",
+        "If it is not intended, remove the contact limit (docs/contact_limits.md).",
     )
     CONTACT_FORBIDDEN = (
         "contact not permitted",
         Effect.NOTE,
-        "Nothing is wrong: the detail says which contact limit would be exceeded. Keep the arm "
-        "slower there. Where a part can be clamped, give more room, or a limit with `force` and "
-        "`stiffness`. State a region that is not stated (docs/contact_limits.md).",
+        "Keep the arm slower there, or state the region. Where a part can be clamped, give more "
+        "room, or `force` and `stiffness` (docs/contact_limits.md).",
     )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
-        "Find out what delayed the source or the joint states: a busy processor, a network, a "
-        "camera that pauses. Nothing came near: the detail names the level with data of their "
-        "usual age.",
+        "Find what delayed the source or the joint states. The detail has the level without the "
+        "delay.",
     )
     LATE_DATA_UNKNOWN = (
         "late data, effect unknown",
         Effect.NOTE,
-        "Find out what delayed the source or the joint states. Too much was near to compute the "
-        "level with data of their usual age.",
+        "Find what delayed the source or the joint states. Too much was near to compute the level "
+        "without it.",
     )
     WIDENED_BOUNDS = (
         "bounds widened",
         Effect.NOTE,
-        "Nothing came near: with the stated bounds the level would be higher. State bounds that "
-        "the body keeps, or correct what makes its samples jump.",
+        "Nothing came near. State bounds that the body keeps, or correct jumps of its samples.",
     )
     REFUSED_ALTERNATIVE = (
         "refused sample counts",
         Effect.NOTE,
-        "Nothing came near: without the refused sample, which may be true, the level would be "
-        "higher. Look for swapped ids and jumps in perception.",
+        "Nothing came near; the refused sample can be true. Look for swapped ids and jumps in "
+        "perception.",
     )
     HIDDEN = (
         "body hidden",
         Effect.NOTE,
-        "Nothing came near: a body that is not seen may come nearer. Find out why its source does "
-        "not see it.",
+        "Find why its source does not see it; it can come nearer unseen.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
         Effect.NOTE,
-        "Wait: a level rises `rise_delay` seconds after the last cause of the lower one.",
+        "Wait until `rise_delay` after the last cause of this level.",
     )
     NO_SOURCES_EXPECTED = (
         "no sources, as stated",
         Effect.NOTE,
-        "If no obstacle is to be watched, nothing; else name the cell's sources.",
+        "Name the sources, unless no obstacle must be watched.",
     )
     NOT_YET_COMPLETE = (
         "not everything evaluated yet",
         Effect.NOTE,
-        "Wait for the first joint state and tick. If it stays, check that the controller "
-        "publishes to the address that `armguard run` printed.",
+        "Wait for a joint state, or check the address that the controller publishes to.",
     )
     REMOVAL_IGNORED = (
         "removal ignored",
         Effect.NOTE,
-        "Check what the source removes: an id that it never reported, or a state newer than the "
-        "removal.",
+        "Check the removal: its id is unknown, or its state newer.",
     )
     FORGOTTEN = (
         "forgotten by a reset",
         Effect.NOTE,
-        "Find out who sent it: an obstacle without a believable state, or a source that was not "
-        "named. If it is real, correct its stamps, or name the source.",
+        "Find its sender. If it is real, correct its stamps, or name the source.",
     )
     ID_SHARED = (
         "id used twice",
         Effect.NOTE,
-        "Give bodies of different sources different ids. Both are watched until then.",
+        "Give bodies of different sources different ids. Both are watched.",
     )
     PLAN_REFUSED = (
         "plan refused",
         Effect.NOTE,
-        "Correct what the detail names, and send the plan again. The one before still counts.",
+        "Correct what the detail names, and send it again. The previous plan still counts.",
     )
     PLAN_UNSAFE = (
         "plan unsafe",
         Effect.NOTE,
-        "Finish the piece before; send a shorter or slower one, or another path.",
+        "Finish the previous piece; send a shorter, slower or different one.",
     )
     PLAN_VOID = (
         "plan not followed any more",
         Effect.NOTE,
-        "The arm is not where its plan has it, or a premise of the plan is gone. Send one that "
-        "begins where the arm is; state tracking errors that it keeps.",
+        "Send a plan that begins where the arm is, with true tracking errors, or restore the lost "
+        "premise.",
     )
     PIECE_UNSAFE = (
         "committed piece not safe any more",
         Effect.STANDING,
-        "Brake. Then send a piece that is safe by what is seen now.",
+        "Brake. Then send a piece that is safe now.",
     )
     BUDGET_SPENT = (
         "budget spent before the stop decision was made",
         Effect.NOTE,
-        "Raise `budget`, or watch fewer obstacles. `monitor.headroom()` says how much is missing.",
+        "Raise `budget` by `monitor.headroom()`, or watch fewer obstacles.",
     )
     CROWD = (
         "more is near than was evaluated",
         Effect.NOTE,
-        "Nothing: a STOP is certain anyway, and the rest is evaluated after it.",
+        "Do nothing: the level is STOP, and the rest is evaluated later.",
     )
     OBSTACLE_REFUSED = (
         "obstacle refused",
         Effect.NOTE,
-        "The sample cannot be of that body by its bounds. Look for swapped ids and jumps in "
-        "perception; if the body is that fast, state larger bounds (docs/people.md).",
+        "Look for swapped ids and jumps in perception, or state larger bounds (docs/people.md).",
     )
     POINTS_DROPPED = (
         "points of a cloud dropped",
         Effect.NOTE,
-        "Do not send rays that hit nothing. If they did hit something, check the camera: what "
-        "they hit is not known.",
+        "Do not send rays that hit nothing; check the camera if they hit something.",
     )
     BOUND_BROKEN = (
         "obstacle broke its bounds",
         Effect.NOTE,
-        "State bounds that the body keeps: `accel` and `speed` of the message, a pattern in "
-        "`[bounds.of]`, or `armguard.people` by body part.",
+        "State bounds that the body keeps, in the message, in `[bounds.of]`, or by "
+        "`armguard.people`.",
     )
     TETHER_BROKEN = (
         "tether broken",
         Effect.NOTE,
-        "State a length that both obstacles keep, or look for swapped ids and jumps in "
-        "perception. The tether is not used until both agree for `rise_delay` "
-        "(docs/obstacles.md).",
+        "State a length that both keep, or look for swapped ids and jumps (docs/obstacles.md). It "
+        "counts again later.",
     )
     ERRORS_EXCEEDED = (
         "errors larger than stated",
         Effect.NOTE,
-        "State the errors that the detail names, `position_error` and `velocity_error`: every "
-        "proof rests on them.",
+        "State the `position_error` or `velocity_error` that the detail names.",
     )
     NO_SOURCES = (
         "no sources",
@@ -211,112 +199,102 @@ class ReasonKind(enum.Enum):
     SOURCE_SILENT = (
         "source silent",
         Effect.STANDING,
-        "Start the source. One that sees nothing must send empty messages as heartbeat. `required "
-        "= false` is for one that may never start: what has once sent is missed afterwards. A "
-        "reset forgets one that was not named.",
+        "Start the source; it must send empty messages too. `required = false` is for one that "
+        "may never start.",
     )
     STAMP_AHEAD = (
         "stamp ahead of the clock",
         Effect.STANDING,
-        "Let the source stamp by the clock that the cell file names for it, and synchronise that "
-        "clock.",
+        "Let the source stamp by its clock of the cell file, and synchronise that.",
     )
     OBSTACLE_NOT_BELIEVED = (
         "obstacle not believed",
         Effect.STANDING,
-        "See the detail: a sample was refused and its source asks for STOP, or it came too late "
-        "for the table to hold it.",
+        "See the detail: refused, with `on_refusal` for STOP, or too late.",
     )
     SOURCE_NOT_BELIEVED = (
         "source not believed",
         Effect.STANDING,
-        "Most of its samples contradict its own bounds: check units, frame, stamps and ids.",
+        "Check units, frame, stamps, ids and bounds of its samples.",
     )
     CALL_REFUSED = (
         "malformed obstacle call",
         Effect.STANDING,
-        "Correct the message that the detail names; nothing of it was used.",
+        "Correct the message that the detail names; none of it was used.",
     )
     OTHER_ARM_BROKE = (
         "other arm broke its limits",
         Effect.STANDING,
-        "Let that arm's controller keep its operating limits and plans, or state what it keeps. "
-        "Its hardware's limits count until 2 s after the last violation. Nothing needs a reset.",
+        "Let its controller keep its limits and plans, or correct them. Its hardware limits count "
+        "for 2 s.",
     )
     OVERDUE = (
         "pair overdue",
         Effect.STANDING,
-        "The tick had no time for all pairs: raise `budget` or `max_staleness`, or watch fewer "
-        "obstacles.",
+        "Raise `budget` or `max_staleness`, or watch fewer obstacles.",
     )
     IGNORE_UNMATCHED = (
         "ignored pair matches nothing",
         Effect.STANDING,
-        "Correct the pattern. If the obstacle comes later, name its source: (link, pattern, "
-        "source).",
+        "Correct the pattern, or name the source if the obstacle comes later.",
     )
     PAIR_IGNORED = (
         "pair not watched for the time being",
         Effect.NOTE,
-        "If this contact is wanted, nothing; `monitor.watch(number)` ends it (docs/contact.md).",
+        "If it is not intended, `monitor.watch(number)` ends it (docs/contact.md).",
     )
     PAIR_WATCHED = (
         "exempt pair watched again",
         Effect.NOTE,
-        "If the exemption is over, nothing. Else give it more time, or a zone that holds all that "
-        "the obstacle may do until the arm is at rest.",
+        "Unless the exemption is over, give more time, or a zone that holds the obstacle until "
+        "rest.",
     )
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person has drawn back; then the arm goes on. Or commit a piece on which "
-        "the arm recedes from the person.",
+        "Wait until the person draws back, or commit a piece that recedes from the person.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
         Effect.STANDING,
-        "The contact was harder than brakes or tracking allow for. Check what the arm touched, "
-        "and the stated tracking errors. It ends once joints keep their limits.",
+        "Check what the arm touched, and the tracking errors. It ends once joints keep their "
+        "limits.",
     )
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
         Effect.STANDING,
-        "The joint cannot stop before its limit. Keep the arm slower there, or correct the limit "
-        "in robot.toml.",
+        "Keep the joint slower near its limit, or correct the limit in robot.toml.",
     )
     BRAKES_NOT_COVERED = (
         "brakes not stated for such speeds",
         Effect.STANDING,
-        "Keep the joint slower, state operating limits (`operating=`), or state brakes for that "
-        "speed and load in robot.toml.",
+        "Keep the joint slower, state operating limits, or state brakes for it in robot.toml.",
     )
     OPERATING_LIMITS_BROKEN = (
         "operating limits broken",
         Effect.STANDING,
-        "Let the controller keep the stated limits, or state what it keeps.",
+        "Let the controller keep the stated limits, or correct them.",
     )
     ENDED = (
         "monitor has ended",
         Effect.STANDING,
-        "Start it again. If nobody ended it, see its last lines on standard error or its "
-        "service's journal.",
+        "Start it again. Standard error or the service's journal has the cause.",
     )
     JOINT_STATE_MALFORMED = (
         "joint state malformed",
         Effect.LATCHED,
-        "Send one finite position and velocity for each watched joint. Then reset.",
+        "Send one finite position and velocity per watched joint. Then reset.",
     )
     JOINT_STATE_BEYOND_LIMITS = (
         "joint state beyond its limits",
         Effect.LATCHED,
-        "Check units and signs of the joint states, and the limits in robot.toml. Then reset.",
+        "Check units and signs of joint states, and the limits in robot.toml. Then reset.",
     )
     JOINT_STATE_JUMPED = (
         "joint state jumped",
         Effect.LATCHED,
-        "No arm moves like that: check for lost or swapped states, units, and stamps of the "
-        "measurement. A simulated driver with fixed steps must stamp by its nominal time. Then "
-        "reset.",
+        "Check for lost or swapped states, units and stamps. A simulation with fixed steps must "
+        "stamp its nominal time. Then reset.",
     )
     TIME_INVALID = (
         "time not finite",
@@ -326,18 +304,18 @@ class ReasonKind(enum.Enum):
     TIME_BACKWARDS = (
         "time ran backwards",
         Effect.LATCHED,
-        "Use a clock that never goes back (the monotonic one). Then reset.",
+        "Use a clock that never goes back, such as the monotonic one. Then reset.",
     )
     JOINT_STATE_GAP = (
         "gap in joint states",
         Effect.LATCHED,
-        "Find out why joint states stayed away, or one stamp did not change. A slow driver needs "
-        "a longer `joint_timeout`. Then reset.",
+        "Find why joint states or their stamps stood still. A slow driver needs a longer "
+        "`joint_timeout`. Then reset.",
     )
     INTERNAL_ERROR = (
         "error inside armguard",
         Effect.LATCHED,
-        "This is a fault of armguard: keep the recording, report it with the detail. Then reset.",
+        "Keep the recording, and report this fault of armguard. Then reset.",
     )
 
     def __init__(self, text: str, effect: Effect, remedy: str) -> None:

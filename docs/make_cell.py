@@ -1,9 +1,8 @@
 """The reference of cell files: `python docs/make_cell.py` writes docs/cell.md.
 
-Tables are made of the classes in armguard/app/cell/schema.py: what a key is called, its type, and
-the text that stands below it. Settings of the monitor, and the records within them, come from
-armguard/settings. Defaults that the schema leaves to the other classes which a table
-configures are read from their signatures.
+Each table of the file is a class in armguard/app/cell/schema.py; settings of the monitor, and the
+records within them, are in armguard/settings. The page has what these declare, and the text below
+each key. A table has the defaults of the class that it configures.
 """
 
 from __future__ import annotations
@@ -13,16 +12,16 @@ import inspect
 import itertools
 import re
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Literal, get_args, get_origin
+from types import ModuleType, NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import msgspec
+from msgspec import NODEFAULT, UNSET, UnsetType
 
 from armguard.app.cell import schema
 from armguard.obstacles import Obstacles
 from armguard.pairs import CloudFilter
 from armguard.settings import contact_limits, separation_rule, settings
-from armguard.settings.declarations import Declaration, read_declarations
 from armguard.shield import Shield
 from armguard.streams import SourceLimits
 
@@ -32,47 +31,18 @@ HEAD = """# Cell file
 
 <!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings: change it there -->
 
-What a `cell.toml` may say. `armguard run`, `armguard shield`, `armguard tradeoff` and `armguard replay --cell` read it; [demos/cell.toml](../demos/cell.toml) is one with every table in it. The smallest one is
+All keys of a `cell.toml`; [demos/cell.toml](../demos/cell.toml) shows them. The smallest one is
 
 ```toml
 robot = { name = "panda" }
 ```
 
-- Lengths are metres, times seconds, angles radians. Paths are relative to the file.
-- What is left out has the default that stands here; “needed” keys have none.
-- Reading is strict: an unknown key, a wrong type, a number out of range or one that is not finite is refused in one line, which names file, key, what was found and what was expected. Infinite numbers are accepted for bounds on acceleration and speed alone.
-- In Python: `armguard.app.cell.Cell.load(path).build()` gives robot, obstacles and monitor.
+- Parentheses have range, unit and default. The first of several words is the default. Keys without a type are strings or, with a unit, numbers. Numbers without a range are at least 0; coordinates can be negative.
+- A file has `[robot]` or `[[robots]]`; all else is optional. Paths are relative to the file.
+- Without `[sources]`, the arm stands until a message comes; an empty `[sources]` states that none comes.
+- Unknown keys and wrong values are refused by file, key, value and what was expected. Only bounds on acceleration and speed can be infinite.
+- Python: `armguard.app.cell.Cell.load(path).build()` makes robot, obstacles and monitor.
 """
-
-TYPES = {
-    "Positive": "number above 0",
-    "NotNegative": "number from 0 on",
-    "Bound": "number from 0 on",
-    "Positive | list[Positive]": "number above 0, or one a joint",
-    "Fraction": "above 0, up to 1",
-    "Fraction | list[Positive]": "fraction of 1, or numbers above 0",
-    "Annotated[int, Meta(ge=0)]": "integer from 0 on",
-    "Annotated[int, Meta(gt=0)]": "integer above 0",
-    "Annotated[int, Meta(gt=0, le=BYTE_LIMIT)]": "integer above 0",
-    "Vector": "3 numbers",
-    "Quaternion": "4 numbers",
-    "Annotated[list[Vector], Meta(min_length=1, max_length=8)]": "rows of 3 numbers",
-    "tuple[Positive, Positive]": "2 numbers above 0",
-    "tuple[Positive, Positive, Positive]": "3 numbers above 0",
-    "Name": "string",
-    "list[Name]": "strings",
-    "list[list[float]]": "rows of numbers",
-    "list[IgnoreEntry]": "rows of 2 or 3 strings",
-    "list[IgnoreEntry | IgnoreTable]": "rows of 2 or 3 strings, or tables",
-    "Annotated[list[Vector], Meta(min_length=4, max_length=8)]": "4 to 8 rows of 3 numbers",
-    "Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]": "string",
-    "Annotated[list[Right], Meta(min_length=1)]": "strings",
-    "Annotated[int, Meta(ge=0, le=MOST_DOMAINS)]": f"integer, 0 to {schema.MOST_DOMAINS}",
-    "bool": "boolean",
-    "OperatingTable | Literal['published']": 'table, or `"published"`',
-    "dict[Name, str | PatternTable]": "table of strings or tables",
-}
-"""What the types in the schema are called; other tables are called so by `name_type`."""
 
 CONFIGURED = {
     "CloudsTable": (CloudFilter,),
@@ -91,50 +61,56 @@ RENAMED = {
 """Arguments whose keys have other names."""
 
 WORDS = {
-    "_AnyArmTable.joints": "all that have limits",
-    "_AnyArmTable.cover": "the robot's own; fitted at each start to a URDF",
+    "_AnyArmTable.joints": "all with limits",
+    "_AnyArmTable.cover": "the robot's; fitted to a URDF at each start",
     "_AnyArmTable.level": "the finest",
-    "_AnyArmTable.payload": "the heaviest that its brakes are stated for",
-    "_AnyArmTable.operating": "the hardware's limits",
-    "CellTables.robot": "needed, unless there are `robots`",
-    "CellTables.clouds": "none are taken",
-    "OperatingTable.velocity": "the hardware's",
-    "OperatingTable.acceleration": "the hardware's",
-    "Ros2Table.domain": "as `ROS_DOMAIN_ID` says",
+    "_AnyArmTable.payload": "the heaviest of the brakes",
+    "_AnyArmTable.operating": "hardware limits",
+    "OperatingTable.velocity": "hardware limits",
+    "OperatingTable.acceleration": "hardware limits",
+    "UrTable.joints": "the maker's",
+    "FrankaTable.joints": "the maker's",
+    "Ros2Table.domain": "`ROS_DOMAIN_ID` or 0",
     "SourceTable.timeout": "`thresholds.source_timeout`",
-    "ShieldTable.chunk_period": "one period of the shield",
-    "EntranceTable.speed": "as `[bounds]` has it",
-    "CellTables.settings_from": "a simulated visit to the arm",
+    "ShieldTable.chunk_period": "one tick",
+    "EntranceTable.speed": "as in `[bounds]`",
+    "CellTables.settings_from": "a simulated visit",
 }
 """Defaults that are no values."""
 
+HEADINGS: dict[type, str] = {
+    schema.PatternTable: "[bounds.of]",
+    separation_rule.SeparationRule: "[separation]",
+    schema.IgnoreTable: "ignore = [{ … }]",
+}
+"""Of tables whose documentation does not begin with one."""
 
-def read_texts(module: ModuleType) -> dict[str, dict[str, tuple[str, str | None, str]]]:
-    """By class and field: type, default and text, as a module's source has them."""
-    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
-    classes: dict[str, dict[str, tuple[str, str | None, str]]] = {}
+SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+TYPES = {float: "number", str: "string", bool: "boolean"}
+USUAL = {"string": "", "≥0": "", "integer ≥0": "integer"}
+"""Types that the page does not spell, since its head says what they are."""
+
+
+def read_texts(module: ModuleType) -> dict[str, str]:
+    """The texts below the fields of a module's classes, by "Class.field"."""
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+    texts = {}
     for node in (one for one in tree.body if isinstance(one, ast.ClassDef)):
-        fields = classes[node.name] = {}
         for field, text in itertools.pairwise([*node.body, ast.Pass()]):
-            if not isinstance(field, ast.AnnAssign):
-                continue
-            name = field.target.id
-            if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
-                raise ValueError(f"{node.name}.{name} has no text below it")
-            default = None if field.value is None else ast.unparse(field.value)
-            words = " ".join(str(text.value.value).split())
-            fields[name] = ast.unparse(field.annotation), default, words
-    return classes
+            if isinstance(field, ast.AnnAssign):
+                name = f"{node.name}.{ast.unparse(field.target)}"
+                if not (isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)):
+                    raise ValueError(f"{name} has no text below it")
+                texts[name] = " ".join(str(text.value.value).split())
+    return texts
 
 
 TEXTS = {
-    **read_texts(schema),
-    **read_texts(settings),
-    **read_texts(separation_rule),
-    **read_texts(contact_limits),
+    name: text
+    for module in (schema, settings, separation_rule, contact_limits)
+    for name, text in read_texts(module).items()
 }
-RECORDS = (settings.Settings, separation_rule.SeparationRule, contact_limits.ContactLimit)
-"""What declares keys that the schema does not have."""
+SETTINGS = {field.name: field for field in msgspec.structs.fields(settings.Settings)}
 
 
 def list_tables() -> list[type]:
@@ -142,121 +118,149 @@ def list_tables() -> list[type]:
     found: list[type] = []
 
     def visit(table: type) -> None:
-        if table in found:
-            return
-        found.append(table)
-        for field in msgspec.structs.fields(table):
-            todo = [field.type]
-            while todo:
-                kind = todo.pop(0)
-                todo += get_args(kind)
-                if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-                    visit(kind)
+        if table not in found:
+            found.append(table)
+            for field in msgspec.structs.fields(table):
+                for inner in find_tables(field.type):
+                    visit(inner)
 
     visit(schema.complete_tables())
     return [one for one in found if one is not schema.RoundTable]
 
 
-def name_type(annotation: str) -> str:
-    """A type in words."""
-    kind = re.sub(r" \| (UnsetType|None)\b", "", annotation)
-    if kind.startswith("Literal["):
-        return " or ".join(f'`"{choice}"`' for choice in re.findall(r"'(\w+)'", kind))
+def find_tables(kind: Any) -> list[type]:
+    """The tables within a type, in their order."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    return [table for one in get_args(kind) for table in find_tables(one)]
+
+
+TABLES = list_tables()
+
+
+def is_table(kind: Any) -> bool:
+    """Whether a type is nothing but tables that have a heading of their own."""
+    if isinstance(kind, type):
+        return kind in TABLES or kind in (UnsetType, NoneType)
+    inner = get_args(kind)[1:] if get_origin(kind) is dict else get_args(kind)
+    return get_origin(kind) is not Literal and bool(inner) and all(map(is_table, inner))
+
+
+def name_type(kind: Any, first: object = None, ends: str = "") -> str:
+    """A type in words; empty where a file cannot state it.
+
+    Args:
+        kind: The type.
+        first: The choice to name first.
+        ends: Ends of the range of a number.
+    """
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        stated = ((sign, getattr(inner[1], end)) for end, sign in SIGNS.items())
+        ends = " ".join(f"{sign}{end:.7g}" for sign, end in stated if end is not None)
+        return name_type(inner[0], first, ends)
+    if origin in (Union, UnionType):
+        return " or ".join(filter(None, (name_type(one, first, ends) for one in inner)))
+    if origin is Literal:
+        choices = sorted(inner, key=lambda choice: choice != first)
+        return ", ".join(f'`"{choice}"`' for choice in choices)
+    if origin is tuple:
+        return f"{len(inner)} numbers {ends}".strip()
+    if origin is list:
+        named = "string" if get_origin(inner[0]) is Literal else name_type(inner[0])
+        return f"{named}s" if named in ("string", "number") else f"list of {named}"
+    if origin is dict:
+        return name_type(inner[1])
+    if kind is int:
+        return f"integer {ends}"
     if kind in TYPES:
-        return TYPES[kind]
-    if re.fullmatch(r"\w+Table( \| \w+Table)*|SeparationRule", kind):
-        return "table"
-    if re.fullmatch(r"(dict\[Name, |list\[)\w+Table\]", kind):
-        return "tables"
-    raise ValueError(f"the type {kind} has no name yet: give it one in TYPES of docs/make_cell.py")
+        return (kind is float and ends) or TYPES[kind]
+    return "table" if kind in (*TABLES, schema.RoundTable) else ""
 
 
-def name_default(owner: str, key: str, default: str | None) -> str:
-    """What stands for a key that is left out."""
-    if default is None:
-        return "needed"
-    words = WORDS.get(f"{owner}.{key}")
+def write_default(owner: str, field: msgspec.structs.FieldInfo) -> str:
+    """What stands for a key that is left out; empty where it is nothing."""
+    words = WORDS.get(f"{owner}.{field.name}")
     if words is not None:
         return words
-    if default in ("UNSET", "None"):
+    if field.required:
+        return "needed"
+    default = field.default
+    if default is UNSET or default is None:
         for configured in CONFIGURED.get(owner, ()):
             parameters: dict[str, Any] = dict(inspect.signature(configured).parameters)
-            parameter = parameters.get(RENAMED.get(key, key))
-            if parameter is not None and parameter.default is not None:
-                return _write_value(parameter.default)
-        return "none"
-    if re.fullmatch(r"\w+Table\(\)|\{\}|\[\]", default):
-        return "empty"
-    named = getattr(schema, default, None)
-    return _write_value(ast.literal_eval(default) if named is None else named)
-
-
-def write_setting(declared: Declaration, text: str) -> tuple[str, str, str]:
-    """Type, default and text of a setting of the monitor."""
-    kind = declared.plain_type
-    if get_origin(kind) is Literal:
-        words = " or ".join(f'`"{choice}"`' for choice in get_args(kind))
-    else:
-        words = declared.describe(in_file=True).removesuffix(", or None").removeprefix("a ")
-        words = words.replace("finite ", "").replace("whole number", "integer")
-        words = re.sub(r"'(\w+)'", r'`"\1"`', words)
-    if declared.default not in (None, ""):
-        return words, _write_value(declared.default), text
-    text, default = text.split(" Left out: ")
-    return words, default.removesuffix("."), text
+            parameter = parameters.get(RENAMED.get(field.name, field.name))
+            default = default if parameter is None else parameter.default
+    return "" if default in (UNSET, None, NODEFAULT, "") else _write_value(default)
 
 
 def _write_value(value: object) -> str:
     """A value as the page has it."""
     if isinstance(value, tuple):
-        return ", ".join(_write_value(one) for one in value)
+        return f"`[{', '.join(f'{one:g}' for one in value)}]`"
     if isinstance(value, bool):
         return str(value).lower()
     return f'`"{value}"`' if isinstance(value, str) else f"{value:.7g}"
 
 
-def write_table(table: type) -> str:
-    """One table of the file, in Markdown: a heading, a sentence, and its keys."""
-    text = " ".join((table.__doc__ or "").split("\n\n")[0].split())
+def write_heading(table: type) -> tuple[str, str]:
+    """The heading of a table, and what it is."""
+    text = " ".join((inspect.getdoc(table) or "").partition("\n\nRaises")[0].split())
     found = re.fullmatch(r"`(\[.*?\])`: (.*)", text)
-    heading, words = ("Keys at the top", text) if found is None else found.groups()
     if issubclass(table, schema.CellTables):
-        words = "Before any table."
-    elif table is schema.PatternTable:
-        heading, words = "[bounds.of]", "What the ids of one pattern can do, as a table:"
-    elif table is separation_rule.SeparationRule:
-        heading = "[separation]"
-    elif table is schema.IgnoreTable:
-        heading = "ignore = [{ … }]"
-    words = words[0].upper() + words[1:]
-    heading = heading if heading == "Keys at the top" else f"`{heading}`"
+        return "Keys at the top", "Before any table."
+    heading, words = (HEADINGS[table], text) if found is None else found.groups()
     tag = table.__struct_config__.tag
-    if tag is not None:
-        heading += f', `name = "{tag}"`'
-    rows = ["| key | type | unit | left out | meaning |", "|---|---|---|---|---|"]
-    listed = {}
-    for owner in (one.__name__ for one in reversed(table.__mro__) if one not in RECORDS):
-        for key, (annotation, default, text) in TEXTS.get(owner, {}).items():
-            listed[key] = name_type(annotation), name_default(owner, key, default), text
-    for record in RECORDS:
-        for key, declared in read_declarations(record).items():
-            if key in table.__struct_fields__ and key not in listed:
-                listed[key] = write_setting(declared, TEXTS[record.__name__][key][-1])
-    for key, (kind, default, text) in listed.items():
-        unit, meaning = split_unit(text)
-        rows.append(f"| `{key}` | {kind} | {unit} | {default} | {meaning} |")
-    return f"## {heading}\n\n{words}\n\n" + "\n".join(rows) + "\n"
+    words = words if tag is None else words.removesuffix(f' Its `name` is "{tag}".')
+    beside = f', `name = "{tag}"`' if tag else ""
+    return f"`{heading}`{beside}", re.sub(r"\w", lambda one: one[0].upper(), words, count=1)
+
+
+def write_table(table: type, shown: dict[str, str]) -> str:
+    """One table of the file, in Markdown: a heading, a sentence, and its keys.
+
+    Args:
+        table: Its class.
+        shown: By class, the heading below which its keys stand; new ones are added.
+    """
+    heading, words = write_heading(table)
+    rows, elsewhere = [], dict[str, None]()
+    owners = {}
+    for field in msgspec.structs.fields(table):
+        names = (one.__name__ for one in table.__mro__)
+        owner = next((name for name in names if f"{name}.{field.name}" in TEXTS), "Settings")
+        declared = SETTINGS[field.name] if owner == "Settings" else field
+        if owner in shown and owner != "Settings":
+            elsewhere[shown[owner]] = None
+            continue
+        owners[owner] = heading
+        if is_table(declared.type):
+            continue
+        text, _, default = TEXTS[f"{owner}.{field.name}"].partition(" Left out: ")
+        default = default.removesuffix(".") or write_default(owner, declared)
+        units, meaning = split_unit(text)
+        kind = name_type(declared.type, declared.default)
+        kind = USUAL.get(kind, kind)
+        default = "" if kind.startswith(default) else default
+        value = ", ".join(filter(None, (f"{kind} {units}".strip(), default)))
+        rows.append(f"- `{field.name}`{f' ({value})' if value else ''}: {meaning}")
+    shown.update(owners)
+    if elsewhere:
+        words += f" It has the keys and tables of {' and '.join(elsewhere)} too."
+    return "\n".join([f"## {heading}", "", words, "", *rows, ""])
 
 
 def split_unit(meaning: str) -> tuple[str, str]:
-    """The units that a text names in brackets, and the text without them."""
-    units = re.findall(r"(?<!`)\[([^\]]+)\](?!\()", meaning)
-    return ", ".join(units), re.sub(r",? in \[[^\]]+\](?: or \[[^\]]+\])?", "", meaning)
+    """The units that a text names, and the text without them."""
+    units = re.findall(r"(?<![`\[])\[([^\]]+)\](?!\()", meaning)
+    text = re.sub(r",? in \[[^\]]+\](?: or \[[^\]]+\])?", "", meaning)
+    return ", ".join(units), text
 
 
 def write_page() -> str:
     """The page, in Markdown."""
-    return "\n".join([HEAD, *(write_table(table) for table in list_tables())])
+    shown: dict[str, str] = {}
+    return "\n".join([HEAD, *(write_table(table, shown) for table in TABLES)])
 
 
 if __name__ == "__main__":

@@ -12,21 +12,22 @@ HEAD = """# Reasons
 
 <!-- written by docs/make_reasons.py from armguard.ReasonKind: change it there -->
 
-Every reason that a verdict can have, and what to do about it. In code, the advice is `reason.kind.remedy`. [Troubleshooting a STOP](troubleshooting.md) says where to find the reasons.
+Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting a STOP](troubleshooting.md).
 """
 
+RESET = " Then reset."
 SECTIONS = {
     Effect.STANDING: (
-        "Reasons that stop the arm while they last",
-        "The level rises `rise_delay` (0.3 s) after their cause has gone.",
+        "STOP while it lasts",
+        "The level rises `rise_delay` (0.3 s) after the cause has gone.",
     ),
     Effect.LATCHED: (
-        "Reasons that stop the arm until a reset",
-        "Remove the cause, then reset: `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` with the token of `armguard run --reset-token`. The command says whether the monitor obeyed.",
+        "STOP until a reset",
+        "Then `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` with the token of `armguard run --reset-token`.",
     ),
     Effect.NOTE: (
-        "Reasons that explain, and stop nothing by themselves",
-        "If a STOP has no other reasons, the deciding pair could touch before the arm is at rest.",
+        "Notes",
+        "They stop nothing. A STOP with notes alone means that the deciding pair could touch before rest.",
     ),
 }
 
@@ -35,9 +36,12 @@ def write_page() -> str:
     """The page, in Markdown."""
     parts = [HEAD]
     for effect, (title, words) in SECTIONS.items():
-        rows = [f"| {kind.text} | {kind.remedy} |" for kind in ReasonKind if kind.effect is effect]
-        parts.append("\n".join([f"## {title}\n\n{words}\n", "| reason | what to do |",
-                                "| --- | --- |", *rows]) + "\n")  # fmt: skip
+        rows = [
+            f"- **{kind.text}** (`{kind.name.lower()}`): {kind.remedy.removesuffix(RESET)}"
+            for kind in ReasonKind
+            if kind.effect is effect
+        ]
+        parts.append("\n".join([f"## {title}\n\n{words}\n", *rows]) + "\n")
     return "\n".join(parts)
 
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import ast
 import inspect
 import itertools
+import re
+from collections import Counter
 from pathlib import Path
 
 from armguard.messages import answers, command, incoming, reasons
 from armguard.streams import SourceLimits, addresses, goal_intake, inputs
-from armguard.verdict import ReasonKind
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
 
@@ -23,206 +24,196 @@ TYPES = {
     "bool": "boolean",
     "int": "integer",
     "int | None": "integer or nil",
-    "Number": "integer, 0 to 2⁶³ − 1",
-    "Number | None": "integer, 0 to 2⁶³ − 1, or nil",
+    "Number": "count",
+    "Number | None": "count",
     "float": "number",
     "float | None": "number or nil",
     "list[str]": "strings",
-    "str | list[str] | None": "string, or strings, one a row, or nil",
+    "str | list[str] | None": "string or strings",
     "list[float]": "numbers",
-    "list[GoalPath] | None": "list of paths, or nil",
+    "list[GoalPath] | None": "paths",
     "bytes | list[float]": "numbers",
-    "bytes | list[float] | None": "numbers, or nil",
-    "Points": f"n rows of 3 numbers, or of 1 to {incoming.POINT_LIMIT} such points",
-    "Points | None": "as of `position`, or nil",
-    "Cloud": "rows of 3 numbers",
-    "tuple[float, float, float]": "3 numbers",
-    "bytes | list[bool] | None": "booleans, one a point, or nil",
-    "Rows": "rows of numbers",
-    "Rows | None": "rows of numbers, or nil",
-    "Values": "number, or one a row",
-    "Values | None": "number, or one a row, or nil",
+    "bytes | list[float] | None": "numbers",
+    "Points": f"n points or hulls of up to {incoming.POINT_LIMIT}",
+    "Points | None": "as `position`",
+    "Cloud": "rows",
+    "tuple[float, float, float]": "point",
+    "bytes | list[bool] | None": "booleans",
+    "Rows": "rows",
+    "Rows | None": "rows",
+    "Values": "number",
+    "Values | None": "number",
     "Literal['commit', 'share']": '`"commit"` or `"share"`',
     "Literal['finish', 'brake'] | None": '`"finish"`, `"brake"` or nil',
-    "list[ReasonMessage]": "list of reasons",
+    "list[ReasonMessage]": "reasons",
     "CertificateMessage | None": "certificate or nil",
     "HeldMessage | None": "cause or nil",
     "ReasonMessage | None": "reason or nil",
     "Figure": "number",
     "list[Figure]": "numbers",
-    "list[tuple[Figure, Figure, Figure]]": "rows of 3 numbers",
+    "list[tuple[Figure, Figure, Figure]]": "rows",
 }
 """What the types in the schemas are called; one that is not here has no name yet."""
+
+SHARED = (
+    incoming.ObstaclesMessage,
+    incoming.CloudMessage,
+    incoming.RemoveMessage,
+    incoming.JointsMessage,
+    incoming.ResetMessage,
+    incoming.IgnoreMessage,
+    incoming.WatchMessage,
+    incoming.PlanMessage,
+    incoming.GoalMessage,
+    answers.VerdictMessage,
+    answers.PlanVerdictMessage,
+    answers.ResetVerdictMessage,
+    command.CommandMessage,
+)
+"""Messages whose common fields stand in one list."""
 
 HEAD = f"""# The wire
 
 <!-- written by docs/make_wire.py from armguard/messages: change it there -->
 
-The processes of a cell exchange messages over ZeroMQ sockets. `armguard run`, or `armguard shield`, binds; all others connect. So processes can start in any order and restart.
+`armguard run` or `armguard shield` binds ZeroMQ SUB sockets for inputs and a PUB socket for outputs; others connect. Default addresses:
 
-| socket | of the monitor | of yours | default address | option of `armguard run` |
-|---|---|---|---|---|
-| obstacles | SUB, bound | PUB | `{addresses.OBSTACLES_ADDRESS}` | `--obstacles` |
-| joint states, plans and goals | SUB, bound | PUB | `{addresses.JOINTS_ADDRESS}` | `--joints` |
-| verdicts, commands and answers | PUB, bound | SUB | `{addresses.VERDICTS_ADDRESS}` | `--verdicts` |
+- obstacles: `{addresses.OBSTACLES_ADDRESS}` (`--obstacles`)
+- joint states, plans, goals: `{addresses.JOINTS_ADDRESS}` (`--joints`)
+- verdicts, commands, answers: `{addresses.VERDICTS_ADDRESS}` (`--verdicts`)
 
-Both inputs take every type of message, and can be one address. With `--obstacles -` the monitor reads one JSON object a line from standard input, joint states too; the only socket is then that of the verdicts.
+Each input takes every message; `--obstacles -` reads JSON lines from standard input. Addresses are `ipc://` or local TCP; others need [keys](keys.md), with CURVE on all sockets.
 
-Addresses are `ipc://` or TCP of this machine. Others need keys in the cell file; then all sockets of the monitor are CURVE servers that ask for them ([Keys](keys.md)).
+Nodes without armguard: [perception.py](nodes/perception.py), [controller.py](nodes/controller.py), [perception.cpp](nodes/perception.cpp), [lines.cpp](nodes/lines.cpp). Python has `armguard.streams.Publisher` and `VerdictReader`.
 
 ## Messages
 
-Each message is one part: a msgpack map, or a JSON object with the same fields; the first byte tells them apart. Verdicts, commands and answers are msgpack, or JSON for all readers with `armguard run --json-verdicts`; armguard's own readers take both.
+A message is one part: a msgpack map or a JSON object. Outputs are msgpack, or JSON with `--json-verdicts`.
 
-- `type` names the message. Unknown fields are refused, missing ones are named.
-- In msgpack, arrays of numbers may be lists, or packed little-endian float64 in a `bin`, row by row; those of commands are packed. A field that can be nil, null in JSON, can be left out.
-- JSON has no infinite numbers. In verdicts {answers.GREATEST!r}, the greatest number, stands for them. NaN, such as the stamp of a joint state without one, is NaN in msgpack and null in JSON. Any number of a verdict or an answer can be NaN. Obey the level first: a STOP counts whatever its numbers are. A `valid_until` that is NaN has expired, a `speed_scale` that is NaN is 0. Infinite bounds can be sent in msgpack only.
-- Stamps are seconds of the machine's monotonic clock (`CLOCK_MONOTONIC`, Python's `time.monotonic()`, C++'s `std::chrono::steady_clock` on Linux), unless the cell file names another clock for the source: `unix` (seconds since 1970), or `arrival` for a sender without a usable clock.
-- Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
-- `seq` counts the messages of one source, by 1. A gap counts as lost messages, a step back as a sender that restarted, and two tracks that both go on as two senders. None is a STOP by itself: obstacles that are not reported grow with their bounds.
+- `type` names the message. Unknown and missing fields are refused by name. Optional fields can be nil (JSON: null) or absent; in outputs, nil is none or unknown.
+- Parentheses have type, unit and default. Without a type, fields are strings or, with a unit, numbers; counts are from 0 to 2⁶³ − 1. Joint values follow `names`. Bounds, radii and errors can be lists.
+- In msgpack, number arrays can be little-endian float64 in a `bin`, row by row, as in commands.
+- Outputs can have NaN (JSON: null) and infinity (JSON: {answers.GREATEST!r}). A STOP counts whatever its numbers are. A NaN `valid_until` has expired; a NaN `speed_scale` is 0. Inputs can have infinite bounds in msgpack.
+- Times of outputs are of the monotonic clock (`CLOCK_MONOTONIC`, `time.monotonic()`, `std::chrono::steady_clock`); a `…_time` counts from the tick. Times of inputs are of the source's clock or, from “Joint states” on, the joint states', as in the cell file.
+- Gaps in `seq` count as lost messages, steps back as a restart, two tracks as two senders; none is a STOP.
 
-What is refused is counted by kind and source, printed on standard error, and in the summary of the run. If obstacles may be missing because of it, the verdict says so. One source can send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections. One beyond that is shut out within a tick, and counted under `connections`, until another one has ended. A connection counts before its key is known, so strangers can take the place of a driver that has lost its connection, which is a STOP: keep them away by a firewall. Each connection holds at most {inputs.WAITING_BYTES // 2**20} MiB of waiting messages.
+Refused messages are counted and printed; verdicts say if obstacles may be missing. Default limits of a source: {SourceLimits().message_rate:g} messages per second of {SourceLimits().message_size} bytes, {SourceLimits().obstacles} obstacles, {SourceLimits().points} points per cloud; of an input: {inputs.CONNECTION_LIMIT} connections, strangers' included (use a firewall), {inputs.WAITING_BYTES // 2**20} MiB waiting each.
 
-Complete nodes without armguard's library, which the tests run: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
+Shared fields:
 """
 
 OBSTACLES = """## Obstacles
 
-`{"type": "obstacles", …}`: what one source saw at one time, as `Obstacles.update` takes it.
+`obstacles`: what a source saw.
 """
 
-AFTER_OBSTACLES = """- *Heartbeat*: a message with `ids` empty says that the source has nothing new. A source that has sent once, and one that the cell file requires, must send at least every `source_timeout` (0.2 s), or it is a STOP.
-- *Snapshot*: with `snapshot` the obstacles of this source that are not in `ids` are removed. Without it they stay, and grow with their bounds.
-- An id belongs to its source: of two sources that use one id, each has an obstacle of its own.
-- All rows of a message have as many points; bodies of different kinds go in messages of their own.
+AFTER_OBSTACLES = """Without `ids`, it is a heartbeat. Silence beyond `source_timeout` (0.2 s) of a source that has sent or is required is a STOP. Without `snapshot`, absent obstacles stay and grow with their bounds. Ids belong to their source. Hulls of a message have as many points.
 
 ```json
 {"type": "obstacles", "source": "camera", "seq": 17, "stamp": 12.345, "ids": ["ball"],
- "position": [[2.0, 0.3, 0.5]], "velocity": [[-0.8, 0.0, 0.0]], "radius": 0.1, "position_error": 0.01}
+ "position": [[2.0,0.3,0.5]], "velocity": [[-0.8,0.0,0.0]], "radius": 0.1, "position_error": 0.01}
 {"type": "obstacles", "source": "camera", "seq": 18, "stamp": 12.355, "ids": []}
 ```
 """
 
 CLOUD = """## Clouds
 
-`{"type": "cloud", …}`: what a depth camera measured, as `Obstacles.update_cloud` takes it. The cell file needs `[clouds]`. [Entrances and clouds](sensors.md) says what becomes of points and what that costs.
+`cloud`: a depth camera's points, if the cell file has `[clouds]` ([details](sensors.md)).
 """
 
-AFTER_CLOUD = """- The monitor takes out the points of the arm, by the joint state nearest to the cloud in time. If none of the last thousand is within `time_error` of it (`[clouds]`, 5 ms), all points count, and the arm stops because of its own picture.
-- Points that are not finite are left out, counted and reported.
-- A source sends clouds, or obstacles: one that does both uses no ids of the form `voxel 3 -2 14`, which are refused.
+AFTER_CLOUD = """The nearest of the last thousand joint states, within `time_error` (5 ms), removes the arm's points; without it, the arm stops. Points that are not finite are dropped and counted. Ids such as `voxel 3 -2 14` are reserved.
 
 ```json
-{"type": "cloud", "source": "depth", "seq": 4, "stamp": 12.345, "origin": [2.4, -1.2, 1.3],
- "points": [[0.3, -0.7, 0.2], [0.31, -0.7, 0.2]], "position_error": 0.02}
+{"type": "cloud", "source": "depth", "stamp": 12.345, "origin": [2.4,-1.2,1.3],
+ "points": [[0.3,-0.7,0.2],[0.31,-0.7,0.2]], "position_error": 0.02}
 ```
 """
 
-REMOVE = """## Remove
-
-`{"type": "remove", …}`: these obstacles have left the cell.
+REMOVE = """`remove`: obstacles that left:
 """
 
 JOINTS = """## Joint states
 
-`{"type": "joints", …}`, as often as the controller can, from one sender.
+`joints`, as often as possible, from one sender.
 """
 
-AFTER_JOINTS = """A gap between joint states longer than `joint_timeout` is a STOP until a reset. Until the first fresh one comes, older ones are dropped as a backlog, and the verdict is STOP.
+AFTER_JOINTS = """A gap longer than `joint_timeout` is a STOP until a reset; old states are dropped.
 """
 
 RESET = """## Reset
 
-`{"type": "reset", …}` ends a latched STOP once its cause has gone; a cause that persists latches again at once. It also forgets [what no message can end](obstacles.md#sources), such as the silence of a mistyped source. `armguard reset` sends it, with `--arm` in a cell with several arms: the monitors of the others leave it alone.
+`reset` (`armguard reset`) ends latched STOPs whose cause has gone, and forgets [what no message ends](obstacles.md#sources).
 """
 
-AFTER_RESET = """A run without `--reset-token` obeys no reset. With several arms, a reset must name an arm of the cell. What was not obeyed is counted. A reset with a `number` gets one answer, `{"type": "reset_verdict", …}`, on the socket of the verdicts, after the verdict of the tick in which it came. One that names another arm of the cell, or whose client may not send it, gets none.
+AFTER_RESET = """Only a run with `--reset-token` obeys. Several arms need `arm`. A `reset_verdict` answers after the tick's verdict, unless another arm is named or the client lacks the right:
 """
 
 IGNORE = """## Contact that is wanted
 
-`{"type": "ignore", …}`: from the next tick on, what fits is not watched for the time being, until a time, in a zone, or both; [Allowing contact](contact.md) says when it is watched all the same. One of `until` and `zone` must be there. It needs the token that `armguard run --reset-token` was given and, where there are keys, the right `joints`.
+`ignore` exempts pairs until a time, in a zone, or both ([Allowing contact](contact.md)). Clients need the right `joints`.
 """
 
-WATCH = """`{"type": "watch", …}` ends it before its time, and needs no token.
+WATCH = """`watch` ends it, without a token:
 """
 
-AFTER_WATCH = """The answer is in the notes of the verdicts that follow: `pair_ignored` says what is not watched, `pair_watched` why an exempt pair is. What is refused, such as a time in the past or an unknown link, is counted as `ignore refused` and printed on standard error.
+AFTER_WATCH = """Verdicts answer by `pair_ignored` and `pair_watched`.
 
 ```json
-{"type": "ignore", "number": 1, "token": "TOKEN", "link": "panda_hand", "ids": "part*", "until": 15.0,
- "zone": [[0.4, -0.2, 0.0], [0.8, -0.2, 0.0], [0.4, 0.2, 0.0], [0.8, 0.2, 0.0],
-          [0.4, -0.2, 0.5], [0.8, -0.2, 0.5], [0.4, 0.2, 0.5], [0.8, 0.2, 0.5]]}
+{"type": "ignore", "number": 1, "token": "TOKEN", "link": "panda_hand", "ids": "part*",
+ "zone": [[0.4,-0.2,0.0],[0.8,-0.2,0.0],[0.4,0.2,0.0],[0.8,0.2,0.0],
+          [0.4,-0.2,0.5],[0.8,-0.2,0.5],[0.4,0.2,0.5],[0.8,0.2,0.5]]}
 {"type": "watch", "number": 1}
 ```
 """
 
 VERDICT = """## Verdicts
 
-`{"type": "verdict", …}`, once a tick. The controller must obey the newest one, and brake if none is valid. When a run ends, its last verdict is a STOP.
+`verdict`, once per tick. The controller must obey the newest one, and brake without a valid one. A run ends with a STOP.
 """
 
-REASONS = """A reason is a map:
+REASONS = """A reason ([all kinds](reasons.md)):
 """
 
-HELD = """A level that is held, although its tick alone would give a higher one, has a cause, a map:
+HELD = """A cause of a held level, from the tick that began it:
 """
 
-CERTIFICATE = """A certificate is a map:
+CERTIFICATE = """A certificate:
 """
 
 PLANS = """## Plans
 
-`{"type": "plan", …}`: what the controller will do, and what it asks. The cell file needs `motion = "planned"` in `[monitor]`.
+`plan`: a motion to rest.
 """
 
-ANSWERS = """Both kinds end at rest. Each plan that has these fields gets one answer, `{"type": "plan_verdict", …}`, on the socket of the verdicts, in the tick in which it came. Of several that come in one tick the newest is judged; the others are refused for that.
+ANSWERS = """`"commit"` needs `motion = "planned"`. A `plan_verdict` answers in the same tick; only the newest plan is judged. The monitor then assumes that the arm follows it. Otherwise the controller follows its present piece to rest.
 """
 
-SHARING = """**A plan that is shared** (`"ask": "share"`) is a promise to the monitors of the other arms of the cell: until `until` the arm does nothing but follow it, on time or slower, or stop ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, no `motion = "planned"`, and gets no answer. An incorrect one is counted as `plan refused`, and narrows nothing.
+SHARING = """`"share"` promises other monitors that the arm follows the plan, perhaps late, or stops ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, and has no answer.
 """
 
 GOALS = """## Goals
 
-`{"type": "goal", …}`: what `armguard shield` must do from now on, in place of the goal before ([Shield](shield.md#as-a-process)). A monitor without a shield refuses it.
+`goal`: what `armguard shield` must do ([Shield](shield.md#as-a-process)), by one of `paths`, `velocity` and `chunk`.
 """
 
-PATHS = """A path is a map:
+PATHS = """A path:
 """
 
-AFTER_GOALS = f"""Exactly one of `paths`, `velocity` and `chunk` must be there. A goal that is late or incorrect is refused: the one before goes on. It is counted as `goal refused`, printed on standard error, and named in the commands that follow (`refused`, `problem`). Of several in one tick the newest counts. A goal has {goal_intake.MOST_PATHS} paths at most, which have {goal_intake.MOST_SAMPLES} samples together where they have times, and {goal_intake.MOST_WAYPOINTS} waypoints where they have none; a chunk has {goal_intake.MOST_POINTS} points at most. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s at most: send it again and again; zeros bring the arm to rest. A path and a chunk are followed to their ends, even if the caller is silent.
+AFTER_GOALS = f"""A late or incorrect goal is refused, and named in commands; the one before continues. The newest of a tick counts. At most {goal_intake.MOST_PATHS} paths, with {goal_intake.MOST_SAMPLES} timed samples together or {goal_intake.MOST_WAYPOINTS} waypoints, or {goal_intake.MOST_POINTS} points of a chunk are accepted. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s: repeat it. Paths and chunks are followed to their ends.
 
 ```json
-{{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder", "elbow"],
- "paths": [{{"q": [[0.0, 0.5], [0.4, 0.7], [0.8, 0.5]]}}]}}
-{{"type": "goal", "number": 6, "until": 12.5, "names": ["shoulder", "elbow"], "velocity": [0.2, 0.0]}}
+{{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder","elbow"],
+ "paths": [{{"q": [[0.0,0.5],[0.4,0.7],[0.8,0.5]]}}]}}
+{{"type": "goal", "number": 6, "until": 12.5, "names": ["shoulder","elbow"], "velocity": [0.2,0.0]}}
 ```
 """
 
 COMMANDS = """## Commands
 
-`{"type": "command", …}`, once a tick of `armguard shield`, after the verdict: the motion that the arm must follow to its rest. It was proved as a whole.
+`command`, after each verdict of `armguard shield`: a proved motion to rest.
 """
 
-AFTER_COMMANDS = f"""A controller follows one motion at a time, to its end, even if all else is silent. It takes up another one if both hold; otherwise it goes on along its own:
-
-- It comes in time, by `take_up_by`.
-- It joins: at that time it has the arm within {command.SAME_PLACE:g} rad or m, and {command.SAME_VELOCITY:g} rad/s or m/s, of where the motion before has it. So a motion that continues a lost one is not taken up.
-
-The controller need not obey the verdict of the same tick: `stop` of the command says when to brake.
-"""
-
-TAIL = """A controller of committed pieces asks for the next piece during the present one. If the answer is no, or does not come, it follows the present one to its end, at rest.
-
-```python
-from armguard.streams import Publisher, VerdictReader
-
-
-def ask(publisher: Publisher, reader: VerdictReader, stamp, names, times, q, v) -> bool:
-    number = publisher.plan("commit", stamp, names, times, q, v, tracking_error=0.01)
-    answer = reader.answer(number, timeout=0.01)
-    return answer is not None and answer.safe
-```
+AFTER_COMMANDS = f"""Empty `times`: the arm's position is unknown. A controller follows a motion to its end, in any silence, and brakes by `stop`, not by verdicts. It changes to another one only by `take_up_by`, and only within {command.SAME_PLACE:g} rad or m and {command.SAME_VELOCITY:g} rad/s or m/s of the old one.
 """
 
 
@@ -243,69 +234,90 @@ def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
     return fields
 
 
-def write_table(schema: type) -> str:
-    """The fields of a message, in Markdown."""
-    rows = ["| field | type | meaning |", "|---|---|---|"]
-    is_sent_whole = not issubclass(schema, incoming.Message | incoming.GoalPath)  # by the monitor
-    for name, words, default, text in read_fields(schema):
-        optional = f", optional{_write_default(default)}" if default and not is_sent_whole else ""
-        rows.append(f"| `{name}` | {words}{optional} | {text} |")
-    return "\n".join(rows) + "\n"
+def find_shared() -> dict[str, tuple[str, str, str, str]]:
+    """Fields that are alike in at least two messages, by name."""
+    counts = Counter(field for schema in SHARED for field in read_fields(schema))
+    return {field[0]: field for field, count in reversed(counts.most_common()) if count > 1}
 
 
-def _write_default(default: str) -> str:
-    """What a field that is left out stands for, where that is a value."""
-    known = {"None": "", "[]": ": no rows", "False": ": false", "0.0": ": 0"}
-    return known.get(default, f": `{default.replace(chr(39), chr(34))}`")
+def write_fields(schema: type) -> str:
+    """The fields of a message, in Markdown; what messages share is only named."""
+    shared = find_shared() if schema in SHARED else {}
+    fields = read_fields(schema)
+    named = [f"`{field[0]}`" for field in fields if shared.get(field[0]) == field]
+    is_input = issubclass(schema, incoming.Message | incoming.GoalPath)
+    rows = [write_field(field, is_input) for field in fields if shared.get(field[0]) != field]
+    also = [f"- {', '.join(named)}"] if named else []
+    return "\n".join([*rows, *also]) + "\n"
+
+
+def write_field(field: tuple[str, str, str, str], is_input: bool) -> str:
+    """A field as an item of a list."""
+    name, kind, default, text = field
+    units = re.findall(r"(?<!`)\[([^\]]+)\](?!\()", text)
+    text = re.sub(r",? \[[^\]]+\](?!\()(?: or \[[^\]]+\])?", "", text)
+    kind = kind.removesuffix(" or nil")
+    kind = kind.removesuffix("number").replace("numbers", "list") if units else kind
+    unit = ", ".join(units)
+    state = _write_default(default, text) if is_input else ""
+    notes = ", ".join(filter(None, (f"{'' if kind == 'string' else kind} {unit}".strip(), state)))
+    return f"- `{name}`{f' ({notes})' if notes else ''}: {text}"
+
+
+def _write_default(default: str, text: str) -> str:
+    """What a field stands for that is left out; empty where it is needed, or its text says so."""
+    if default in ("None", "[]"):
+        return "" if "left out" in text else "optional"
+    value = default.replace(chr(39), chr(34))
+    return {"": "", "False": "false", "0.0": "0"}.get(default, f"`{value}`")
 
 
 def write_page() -> str:
     """The page, in Markdown."""
-    kinds = ", ".join(f"`{kind.name.lower()}`" for kind in ReasonKind)
+    shared = [write_field(field, is_input=True) for field in find_shared().values()]
     parts = [
         HEAD,
+        "\n".join(sorted(shared)) + "\n",
         OBSTACLES,
-        write_table(incoming.ObstaclesMessage),
+        write_fields(incoming.ObstaclesMessage),
         AFTER_OBSTACLES,
-        CLOUD,
-        write_table(incoming.CloudMessage),
-        AFTER_CLOUD,
         REMOVE,
-        write_table(incoming.RemoveMessage),
+        write_fields(incoming.RemoveMessage),
+        CLOUD,
+        write_fields(incoming.CloudMessage),
+        AFTER_CLOUD,
         JOINTS,
-        write_table(incoming.JointsMessage),
+        write_fields(incoming.JointsMessage),
         AFTER_JOINTS,
         RESET,
-        write_table(incoming.ResetMessage),
+        write_fields(incoming.ResetMessage),
         AFTER_RESET,
-        write_table(answers.ResetVerdictMessage),
+        write_fields(answers.ResetVerdictMessage),
         IGNORE,
-        write_table(incoming.IgnoreMessage),
+        write_fields(incoming.IgnoreMessage),
         WATCH,
-        write_table(incoming.WatchMessage),
+        write_fields(incoming.WatchMessage),
         AFTER_WATCH,
         VERDICT,
-        write_table(answers.VerdictMessage),
+        write_fields(answers.VerdictMessage),
         REASONS,
-        write_table(reasons.ReasonMessage),
-        f"Kinds: {kinds}. [Reasons](reasons.md) says what to do about each.\n",
+        write_fields(reasons.ReasonMessage),
         HELD,
-        write_table(answers.HeldMessage),
+        write_fields(answers.HeldMessage),
         CERTIFICATE,
-        write_table(answers.CertificateMessage),
+        write_fields(answers.CertificateMessage),
         PLANS,
-        write_table(incoming.PlanMessage),
+        write_fields(incoming.PlanMessage),
         ANSWERS,
-        write_table(answers.PlanVerdictMessage),
+        write_fields(answers.PlanVerdictMessage),
         SHARING,
-        TAIL,
         GOALS,
-        write_table(incoming.GoalMessage),
+        write_fields(incoming.GoalMessage),
         PATHS,
-        write_table(incoming.GoalPath),
+        write_fields(incoming.GoalPath),
         AFTER_GOALS,
         COMMANDS,
-        write_table(command.CommandMessage),
+        write_fields(command.CommandMessage),
         AFTER_COMMANDS,
     ]
     return "\n".join(parts)

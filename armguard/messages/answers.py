@@ -32,96 +32,86 @@ class CertificateMessage(msgspec.Struct):
     """A `Certificate`, its arrays as lists."""
 
     contact_time: Figure
-    """no contact before this time, [s] from the tick"""
+    """no contact before it, [s]"""
     times: list[Figure]
-    """at which the separating directions follow each other, [s] from the tick"""
+    """start of each direction after the tick, [s]"""
     witnesses: list[tuple[Figure, Figure, Figure]]
-    """the separating directions, unit vectors from the arm to the obstacle, one a time"""
+    """separating unit vectors from arm to obstacle"""
 
 
 class HeldMessage(msgspec.Struct):
-    """Why a level is held, though its tick alone would earn a higher one."""
+    """Why a level is held below the level of the tick alone."""
 
     reason: ReasonMessage | None
-    """the weightiest reason of the tick that began it; nil: a reset began it"""
+    """weightiest reason; nil: a reset"""
     contact_time: Figure
-    """of that tick, [s]; of contact that no limit permits, where contact limits are stated"""
+    """contact time, or harm time with limits, [s]"""
     stop_time: Figure
-    """of that tick, [s]"""
+    """stop time, [s]"""
     since: Figure
-    """when that was, [s] of the machine's monotonic clock"""
+    """time of the tick, [s]"""
     rises_at: Figure
-    """the earliest time at which the level may rise, [s] of the machine's monotonic clock"""
+    """earliest rise of the level, [s]"""
 
 
 class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
 
     stamp: Figure
-    """of the joint state that was judged, [s] of the machine's monotonic clock"""
+    """stamp of the joint state, [s]"""
     sequence: int
-    """number of the tick, from 1; 0 while no joint state could be judged, and at the end"""
+    """tick; 0: no joint state, or end"""
     level: str
     """`STOP`, `SLOW`, `AWARE` or `CLEAR`"""
     contact_time: Figure
-    """earliest possible contact, [s] from the tick; infinite where there is none, 0 where that is
-    unknown"""
+    """earliest possible contact, [s]; infinite: none; 0: unknown"""
     stop_time: Figure
-    """within which the arm surely rests if it is told to stop now, [s] from the tick; infinite
-    where that is unknown"""
+    """time to rest after a STOP now, [s]; infinite: unknown"""
     speed_scale: Figure
-    """how fast the arm may go on, from 0 to 1, as a share of the joints' operating velocities, or
-    of their velocity limits where none are stated"""
+    """share of operating velocities, or else velocity limits, 0 to 1"""
     link: str | None
-    """link of the deciding pair; nil without pairs, or where not all that is there is known"""
+    """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of the deciding pair; nil where `link` is"""
+    """obstacle of that pair"""
     complete: bool
-    """whether a certificate in force, or the stop decision, stands behind every pair"""
+    """a certificate or the stop decision covers every pair"""
     evaluated: int
-    """contact times that were computed in the tick, sphere against obstacle"""
+    """computed contact times"""
     reasons: list[ReasonMessage]
-    """what the verdict rests on, the weightiest first"""
+    """weightiest first"""
     valid_until: Figure
-    """silence beyond this means: brake; [s] of the machine's monotonic clock"""
+    """brake then without a newer verdict, [s]"""
     separation: float | None
-    """margin of the separation distance, [m], where the cell file asks for it and it is known"""
+    """margin of the separation distance, [m]"""
     certificate: CertificateMessage | None
-    """proof of the deciding pair; `armguard run` sends none"""
+    """proof; `armguard run` sends none"""
     stop: Literal["finish", "brake"] | None
-    """how to obey a STOP: run the committed piece to rest, or leave it and brake; nil where the
-    level is another"""
+    """run the committed piece to rest, or brake"""
     proved_until: float | None
-    """when the arm rests at the latest, if it follows its committed piece, which is proved safe to
-    its end, [s] of the machine's monotonic clock; nil where it is on no such piece"""
+    """rest on a proved committed piece, [s]"""
     held: HeldMessage | None
-    """why the level is held, though this tick alone would earn a higher one; nil: it is not"""
+    """why the level is below this tick's"""
     harm_time: Figure
-    """earliest possible contact that no contact limit permits, [s] from the tick; the contact time
-    where no limits are stated, 0 where it is unknown"""
+    """earliest contact that no limit permits, [s]; without limits `contact_time`; 0: unknown"""
     contact_speed: float | None
-    """greatest speed at which an obstacle could be touched before the arm rests, [m/s]; 0 where no
-    contact is possible by then, infinite where nothing is proved, nil where no contact limits are
-    stated"""
+    """greatest contact speed before rest, with limits, [m/s]; 0: no contact; infinite: unproved"""
     configuration: str | None
-    """digest of what the monitor was made with, as `armguard run` tells it at its start; nil where
-    nobody tells it"""
+    """digest that `armguard run` prints"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     """A `PlanVerdict` on the wire, with the number of the plan that it answers."""
 
     number: int
-    """of the plan that is answered"""
+    """of the plan"""
     safe: bool
-    """whether the arm may do it: then that is what the monitor takes it to do from now on"""
+    """whether the arm may do it"""
     contact_time: Figure
-    """earliest possible contact on the way, [s] from the tick; infinite where there is none, 0
-    where that is unknown"""
+    """earliest possible contact, [s]; infinite: none; 0: unknown"""
     link: str | None
-    """link of the pair that could touch first; nil if none can"""
+    """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of that pair; nil if none can"""
+    """obstacle of that pair"""
     reasons: list[ReasonMessage]
     """why not"""
 
@@ -130,12 +120,11 @@ class ResetVerdictMessage(msgspec.Struct, tag_field="type", tag="reset_verdict")
     """A `ResetVerdict` on the wire, with the number of the reset that it answers."""
 
     number: int
-    """of the reset that is answered"""
+    """of the reset"""
     obeyed: bool
-    """whether nothing that was latched before is latched any more; a cause that persists latches
-    again at once"""
+    """latches were released; lasting causes latch again"""
     problem: str
-    """why not; empty where it was obeyed"""
+    """why it was refused, or empty"""
 
 
 _AnyAnswer = VerdictMessage | CommandMessage | PlanVerdictMessage | ResetVerdictMessage

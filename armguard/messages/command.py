@@ -36,50 +36,43 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
     """A `Command` on the wire: times on the machine's monotonic clock."""
 
     sequence: int
-    """of the verdict of the same tick"""
+    """tick; 0: no joint state, or end"""
     stamp: float
-    """when the motion begins, [s] of the machine's monotonic clock"""
+    """start of the motion, [s]"""
     take_up_by: float
-    """who has not taken the motion up by then goes on along the one before; [s] of the machine's
-    monotonic clock"""
+    """latest time to change to this motion, [s]"""
     valid_until: float
-    """when the arm rests at its end: it may be followed until then, whatever is silent; [s] of the
-    machine's monotonic clock"""
+    """end of the motion, at rest, [s]"""
     names: list[str]
-    """of the joints, in the order of the rows"""
+    """joints"""
     times: bytes | list[float]
-    """of the samples, [s] from `stamp`, rising from 0; empty where nothing is known of where the
-    arm is"""
+    """sample times after `stamp`, [s], rising from 0"""
     q: Rows
-    """positions at the samples, [rad] or [m]: one row a time, one value a name; the curve between
-    samples is cubic"""
+    """positions, a row per time, [rad] or [m]"""
     v: Rows
-    """velocities at the samples, [rad/s] or [m/s]"""
+    """velocities, [rad/s] or [m/s]; cubic between samples"""
     a: Rows
-    """accelerations at the samples, [rad/s²] or [m/s²]"""
+    """accelerations, [rad/s²] or [m/s²]"""
     moving: bool
-    """whether the arm moves from now on"""
+    """the arm moves from now on"""
     scale: float
-    """how fast the arm goes, as a share of what was asked for: pace along the path, or share of
-    velocities; 0 to 1"""
+    """share of requested pace or velocities, 0 to 1"""
     progress: float
-    """how far the arm has come on its path, 0 to 1; 0 without a path"""
+    """progress on the path, 0 to 1"""
     executed: int
-    """how many points of a chunk it passes before its stop begins"""
+    """chunk points before the stop begins"""
     stop: Literal["finish", "brake"] | None
-    """`"brake"` where the motion is not proved any more: then the arm is to brake by its own means,
-    if it can do so sooner than this motion does; nil otherwise"""
+    """`"brake"`: not proved any more; brake by other means if sooner"""
     reason: ReasonMessage | None
-    """why the arm does not go on as fast as it was asked to; nil: it does"""
+    """why it is slower than requested"""
     contact_speed: float | None
-    """greatest speed at which this motion could touch what may be touched, [m/s]; nil where no
-    contact limits are stated"""
+    """greatest contact speed, with limits, [m/s]"""
     goal: int | None
-    """number of the newest goal that was taken; nil before any, and after a reset"""
+    """newest accepted goal since start or reset"""
     refused: int | None
-    """number of the newest goal that was refused; nil before any"""
+    """newest refused goal"""
     problem: str
-    """why it was refused; empty before any"""
+    """why it was refused, or empty"""
 
     def read(self) -> Samples:
         """The samples of the motion.

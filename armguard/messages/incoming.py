@@ -72,202 +72,188 @@ class ObstaclesMessage(Message, tag="obstacles"):
     """States of obstacles as one source saw them at one time; without ids, a heartbeat."""
 
     ids: list[str]
-    """names of the obstacles, each once; n of them"""
+    """n names of obstacles"""
     stamp: float
-    """when they were there, [s] on the clock of the source"""
+    """time of measurement, [s]"""
     source: str = "default"
-    """name of the sender; one sender a source"""
+    """name of its only sender"""
     seq: int | None = None
-    """counts the messages of the source, `remove` among them, so that lost ones are told"""
+    """message of the sender, rising by 1"""
     frame: str = "world"
-    """of positions and velocities: `world`, `base`, or one of `[frames]` in the cell file"""
+    """`world`, `base`, or one of `[frames]`"""
     snapshot: bool = False
-    """whether this is all that the source sees and it sees the whole cell: absent ids are gone"""
+    """the source sees the whole cell: remove its other obstacles"""
     position: Points = []
-    """centres, or points whose hull, rounded by `radius`, is the body, [m]"""
+    """centres or hulls, [m]"""
     velocity: Points | None = None
-    """of the same points, [m/s]; left out: any within the bound on speed"""
+    """their velocities, [m/s]; left out: any within bounds"""
     radius: Values | None = None
-    """by which hulls are rounded, [m], at least 0; needed wherever there are ids"""
+    """their radius, [m], at least 0; needed with ids"""
     accel: Values | None = None
-    """bound on acceleration, [m/s²]; left out: the cell's"""
+    """acceleration bound, [m/s²]; left out: the cell's"""
     speed: Values | None = None
-    """bound on speed, [m/s]; left out: the cell's"""
+    """speed bound, [m/s]; left out: the cell's"""
     position_error: Values = 0.0
-    """what positions may be off by, [m]"""
+    """position error, [m]"""
     velocity_error: Values = 0.0
-    """what velocities may be off by, [m/s]"""
+    """velocity error, [m/s]"""
     region: str | list[str] | None = None
-    """which region of a body each is, for [contact limits](contact_limits.md): one for all, or one
-    a row, `""` for none; left out: the cell's, by patterns of ids"""
+    """[body region](contact_limits.md), `""`: none; left out: by id patterns"""
 
 
 class CloudMessage(Message, tag="cloud"):
     """Points that one source measured at one time, as a depth camera does; without, a heartbeat."""
 
     stamp: float
-    """when they were measured, [s] on the clock of the source"""
+    """time of measurement, [s]"""
     origin: tuple[float, float, float]
-    """where the rays to the points begin, the camera's centre, [m]"""
+    """camera centre, start of rays, [m]"""
     points: Cloud = []
-    """where the rays end, [m]"""
+    """ends of rays, [m]"""
     source: str = "default"
-    """name of the sender; one sender a source"""
+    """name of its only sender"""
     seq: int | None = None
-    """counts the messages of the source, so that lost ones are told"""
+    """message of the sender, rising by 1"""
     frame: str = "world"
-    """of points and origin: `world`, `base`, or one of `[frames]` in the cell file"""
+    """`world`, `base`, or one of `[frames]`"""
     voxel: float = 0.05
-    """edge of the voxels that points become, [m]; the same in all clouds of the source"""
+    """edge of the source's voxels, [m]"""
     occupied: bytes | list[bool] | None = None
-    """whether each point is to be an obstacle; one byte each, 0 or 1, in a `bin`; left out: each is
-    that is not the arm's"""
+    """obstacle points, as bytes 0 or 1; left out: all but the arm's"""
     position_error: float = 0.0
-    """what points may be off by, [m], half the distance between neighbouring rays included"""
+    """point error with half the ray distance, [m]"""
     accel: float | None = None
-    """bound on acceleration, [m/s²]; left out: the cell's for the id `voxel`"""
+    """acceleration bound, [m/s²]; left out: the cell's for `voxel`"""
     speed: float | None = None
-    """bound on speed, [m/s]; left out: the cell's for the id `voxel`"""
+    """speed bound, [m/s]; left out: the cell's for `voxel`"""
     snapshot: bool = False
-    """whether the source sees the whole cell, so that all else of it is gone"""
+    """the source sees the whole cell: remove its other obstacles"""
 
 
 class JointsMessage(Message, tag="joints"):
     """The arm's joint state; any order of names, more of them than needed is no fault."""
 
     stamp: float
-    """when the state was measured, [s] on the clock of the joint states"""
+    """time of measurement, [s]"""
     names: list[str]
-    """of the joints, in any order; more than the watched ones are no fault, fewer are"""
+    """joints, with all watched ones"""
     q: bytes | list[float]
-    """positions, [rad] or [m], one a name"""
+    """positions, [rad] or [m]"""
     v: bytes | list[float]
-    """velocities, [rad/s] or [m/s], one a name"""
+    """velocities, [rad/s] or [m/s]"""
     seq: int | None = None
-    """counts the messages, so that lost ones are told"""
+    """message of the sender, rising by 1"""
     arm: str = ""
-    """whose state it is, by its name in a cell with several arms; left out where there is one"""
+    """name of the arm, among several"""
 
 
 class PlanMessage(Message, tag="plan"):
     """What the controller is about to do, and what it asks: may the arm?"""
 
     ask: Literal["commit", "share"]
-    """whether a piece that carries its own stop may be done; or nothing: a promise to the monitors
-    of other arms"""
+    """a piece with its own stop, or a promise"""
     number: Number
-    """of the plan; the answer carries it, and all readers see all answers: use none twice, and none
-    of another sender's"""
+    """unique among senders; the answer carries it"""
     stamp: float
-    """when the arm is at the first sample, [s] on the clock of the joint states"""
+    """time of the first sample, [s]"""
     names: list[str]
-    """of the joints, in any order"""
+    """joints"""
     times: bytes | list[float]
-    """of the samples, [s] from `stamp`; rising from 0"""
+    """sample times after `stamp`, [s], rising from 0"""
     q: Rows
-    """positions at the samples, [rad] or [m]: one row a time, one value a name"""
+    """positions, a row per time, [rad] or [m]"""
     v: Rows
-    """velocities at the samples, [rad/s] or [m/s]; the curve between samples is cubic"""
+    """velocities, [rad/s] or [m/s]; cubic between samples"""
     tracking_error: Values
-    """how far joints may be off the curve, [rad] or [m], above 0"""
+    """greatest distance from the curve, [rad] or [m], above 0"""
     velocity_tracking_error: Values | None = None
-    """how far velocities may be off the curve's, [rad/s] or [m/s]; left out: what follows from the
-    tracking error and the limits on acceleration"""
+    """greatest velocity error, [rad/s] or [m/s]; left out: by tracking error and acceleration"""
     arm: str = ""
-    """whose plan it is, by its name in a cell with several arms; left out where there is one"""
+    """name of the arm, among several"""
     until: float | None = None
-    """of a promise: how long the arm keeps to the plan, [s] on the clock of the joint states"""
+    """end of a promise, [s]"""
 
 
 class GoalPath(msgspec.Struct, forbid_unknown_fields=True):
     """A path that a goal offers, from rest to rest."""
 
     q: Rows
-    """positions, [rad] or [m], in rows of one value a name: waypoints of a smooth curve, or samples
-    of a trajectory"""
+    """waypoints of a smooth curve, or samples, [rad] or [m]"""
     times: bytes | list[float] | None = None
-    """of the samples, [s], rising; left out: the fastest within limits"""
+    """rising sample times, [s]; left out: as fast as possible"""
 
 
 class GoalMessage(Message, tag="goal"):
     """What a shield is to do from now on, in place of what it was asked before."""
 
     number: Number
-    """of the goal; commands carry that of the newest one that was taken: use none twice, and none
-    of another sender's"""
+    """unique among senders; commands carry it"""
     until: float
-    """a goal that comes later is refused, and a velocity ends then; [s] on the clock of the joint
-    states"""
+    """end of acceptance, and of a velocity, [s]"""
     names: list[str]
-    """of the joints, in any order"""
+    """joints"""
     paths: list[GoalPath] | None = None
-    """the first one on which the most progress is provable is followed; or"""
+    """the first with the most provable progress counts"""
     velocity: bytes | list[float] | None = None
-    """velocities to keep, [rad/s] or [m/s], one a name; or"""
+    """velocities to keep, [rad/s] or [m/s]"""
     chunk: Rows | None = None
-    """the next positions of a policy, [rad] or [m]: one row a point, one value a name"""
+    """next positions of a policy, [rad] or [m]"""
     arm: str = ""
-    """whose goal it is, by its name in a cell with several arms; left out where there is one"""
+    """name of the arm, among several"""
 
 
 class RemoveMessage(Message, tag="remove"):
     """Obstacles that left the cell, said by the source that saw them go."""
 
     ids: list[str]
-    """names of the obstacles"""
+    """their names"""
     stamp: float
-    """when they had gone, [s] on the clock of the source; states from before do not revive them"""
+    """time of leaving, [s]; earlier states restore nothing"""
     source: str = "default"
-    """name of the sender, whose obstacles these are"""
+    """name of its only sender"""
     seq: int | None = None
-    """counts the messages of the source, `obstacles` among them"""
+    """message of the sender, rising by 1"""
 
 
 class IgnoreMessage(Message, tag="ignore"):
     """Asks that contact be wanted for the time being; only with the token of the run."""
 
     number: Number
-    """of the exemption, by which `watch` ends it, from whatever sender: numbers are one space for
-    all; use none that has not ended"""
+    """number that no exemption in force has"""
     token: str
-    """what `armguard run --reset-token` was given"""
+    """token of `armguard run --reset-token`"""
     link: str
-    """name of a link of the arm; `*` is any"""
+    """link, or `*`"""
     ids: str
-    """pattern of obstacle ids; one that fits no obstacle yet is a STOP, unless `source` is there"""
+    """id pattern; without `source`, no match is a STOP"""
     source: str | None = None
-    """whose obstacles alone are meant, and may come later"""
+    """source of the ids, which can come later"""
     until: float | None = None
-    """contact is not wanted from then on, [s] on the clock of the joint states; left out: the zone
-    decides"""
+    """end of the exemption, [s]; left out: by zone"""
     zone: Rows | None = None
-    """corners of a convex region of the world in which contact is wanted, x, y, z in [m], 4 to 8 of
-    them; left out: anywhere"""
+    """4 to 8 corners of a convex zone, [m]; left out: anywhere"""
     arm: str = ""
-    """whose link it is, by its name in a cell with several arms; left out where there is one"""
+    """name of the arm, among several"""
 
 
 class WatchMessage(Message, tag="watch"):
     """Ends what an `ignore` began."""
 
     number: Number
-    """of the exemption, whoever sent its `ignore`"""
+    """of the exemption"""
     arm: str = ""
-    """whose exemption it is, by its name in a cell with several arms; left out where there is
-    one"""
+    """name of the arm, among several"""
 
 
 class ResetMessage(Message, tag="reset"):
     """Asks to release a latched STOP; only with the token that the run was started with."""
 
     token: str
-    """what `armguard run --reset-token` was given"""
+    """token of `armguard run --reset-token`"""
     arm: str = ""
-    """whose monitor is meant, by the arm's name in a cell with several; left out where there is
-    one"""
+    """name of the arm, among several"""
     number: Number | None = None
-    """of the reset; the answer carries it, and all readers see all answers; left out: no answer is
-    wanted"""
+    """unique among senders; left out: no answer"""
 
 
 class Header(msgspec.Struct):

@@ -16,11 +16,11 @@ class ReasonMessage(msgspec.Struct):
     """One reason of a verdict, of a command, or of the answer to a plan."""
 
     kind: str
-    """lower-case name of a `ReasonKind`"""
+    """lower-case `ReasonKind`"""
     subject: str
-    """what it is about: a joint, an obstacle, a source"""
+    """joint, obstacle or source"""
     detail: str
-    """what was found, and what was expected"""
+    """found and expected"""
 
 
 def write_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:

@@ -55,35 +55,29 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """
 
     speed: NotNegative | None = None
-    """How fast a surface may be that touches the part, in [m/s]. Left out: follows from the
-    others."""
+    """Greatest speed of a touching surface, in [m/s]. Left out: follows from the others."""
     energy: NotNegative | None = None
-    """What the part's tissue may take up, in [J]. Left out: another way states it."""
+    """Greatest energy in the tissue, in [J]."""
     force: NotNegative | None = None
-    """What may press on the part, in [N]: of a part that cannot give way as well. Left out: another
-    way states it, and the part may not be touched where it can be clamped."""
+    """Greatest force, clamped or not, in [N]; without it a part that can be clamped may not be
+    touched."""
     transient_force: NotNegative | None = None
-    """What may press on a part that can give way, for the instant of an impact, in [N]; at least
-    `force`. Left out: no more than `force`."""
+    """Greatest impact force where the part can move away, in [N]; at least `force`. Left out:
+    `force`."""
     stiffness: Positive | None = None
-    """Of the part's tissue, in [N/m]: a high value gives less energy and less way. Left out: beside
-    `force` alone it is needed."""
+    """Tissue stiffness, in [N/m]; high is cautious. Left out: needed with `force`."""
     body_mass: Positive | None = None
-    """Effective mass of the part, in [kg]: a high value gives a lower speed. Left out: beside
-    `energy` or `force` alone it is needed."""
+    """Effective mass of the part, in [kg]; high is cautious. Left out: needed with `energy` or
+    `force`."""
     source: str = ""
-    """Where these numbers come from, in words; verdicts that rest on the limit name it. Left out:
-    needed."""
+    """Origin of the numbers; verdicts name it. Left out: needed."""
     person_speed: NotNegative | Literal["own"] = "own"
-    """What of the part's own motion counts. `"own"`: the limit is for what the arm's motion does to
-    a part at rest. A speed, in [m/s]: the limit is for what the arm's motion adds to what a part
-    at this speed would take up from a standing arm."""
+    """`"own"`: the limit holds for a part at rest. A speed of the part, in [m/s]: it holds for what
+    the arm adds."""
     gap: NotNegative | None = None
-    """How near to the part anything else counts as what it can be clamped against, in [m]. Left
-    out: the least gap of ISO 13854 for the part."""
+    """Distance to anything below which the part can be clamped, in [m]. Left out: by ISO 13854."""
     thickness: NotNegative | None = None
-    """How thick the part is at its thinnest place, in [m]. Left out: what is assumed of the
-    part."""
+    """Least thickness of the part, in [m]. Left out: assumed."""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -13,23 +13,22 @@ HUMAN_SPEED = 1.6
 
 
 class SeparationRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The usual rule's distance, whose margin each verdict is to carry.
+    """Parameters of the [separation distance](separation.md), whose margin verdicts then carry.
 
-    What a table or a robot says of errors comes on top of these parameters.
+    Errors that a table or a robot states are added to them.
 
     Raises:
         ArmguardError: A number is negative, infinite or none.
     """
 
     human_speed: NotNegative | Literal["own"] | None = HUMAN_SPEED
-    """At which people walk, in [m/s]; `"own"`: the speed bound of each obstacle, as `None` in
-    Python."""
+    """Walking speed, in [m/s]; `"own"` (Python: `None`): each obstacle's speed bound."""
     intrusion_distance: NotNegative = 0.0
-    """How far a person reaches before they are seen, in [m]; not added for what stands still."""
+    """Reach before detection, in [m]; not for statics."""
     human_uncertainty: NotNegative = 0.0
-    """Added to the errors of the positions of obstacles, in [m]."""
+    """Added to obstacles' position errors, in [m]."""
     robot_uncertainty: NotNegative = 0.0
-    """Added to those of the arm, in [m]."""
+    """Added to the arm's, in [m]."""
 
     def __post_init__(self) -> None:
         check_fields(self)

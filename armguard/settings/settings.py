@@ -42,78 +42,70 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     rate: Annotated[Positive, Meta(examples=[100.0, 200.0, 500.0, 2000.0])] = 1000.0
-    """Ticks a second, in [Hz]."""
+    """Ticks per second, in [Hz]."""
     schedule: ScheduleName | Schedule = "deadline"
-    """What is evaluated in a tick: `"deadline"` (what falls due), `"full"` (everything) or `"daa"`
-    (what the paper's schedule names as well). In Python also a `Schedule` of your own."""
+    """What a tick evaluates: what is due, all, or the paper's pairs too. Python also takes a
+    `Schedule`."""
     motion: Annotated[
         Literal["joint", "planned", "isotropic"], Meta(examples=["joint", "isotropic"])
     ] = "joint"
-    """How the arm's possible motion is bounded: `"joint"` (by its joints' limits, and a STOP only
-    where braking after the next tick could be too late), `"planned"` (the same, and the controller
-    commits pieces of its path) or `"isotropic"` (points of the arm as free bodies: cheaper, and far
-    more cautious)."""
+    """Motion bounds: joint limits; these and committed pieces; free points, cheaper and far more
+    cautious."""
     leave: Literal["never", "any"] = "never"
-    """When joints may leave a committed piece and brake by themselves, as at an emergency stop or
-    without power: `"never"`, or each at `"any"` moment. For `motion = "planned"` only: pieces are
-    then proved safe for that too, and refused more often."""
+    """Whether joints can leave a committed piece and brake at any moment, as at an emergency stop;
+    pieces are then refused more often. Only with `motion = "planned"`."""
     max_staleness: Annotated[
         float, Meta(ge=0.0, lt=1.0, examples=[0.0, 0.02, 0.05, 0.1, 0.25, 0.5])
     ] = 0.1
-    """By which share an old answer may look shorter than a fresh one, below 1."""
+    """Share by which an old contact time can be shorter than a new one."""
     budget: Annotated[int, Meta(gt=0, examples=[16, 64, 256, 1024])] | None = None
-    """Evaluations in a tick after which no further obstacle is begun; what misses its deadline is a
-    STOP. Each question of the stop decision may spend as many; where they do not suffice, the
-    answer is the cautious one, and a reason says so. For `schedule = "deadline"` only. Left out:
-    no limit."""
+    """Evaluations per tick and per stop question; beyond it the answer is cautious, up to STOP.
+    Only with `schedule = "deadline"`. Left out: no limit."""
     reaction_time: Threshold = 0.02
-    """From a STOP to braking torque, in [s]."""
+    """Time from a STOP to braking torque, in [s]."""
     latency: Threshold = 0.002
-    """Time to compute and transport a verdict, including the lateness of a tick, in [s]."""
+    """Time to compute and transport a verdict, tick lateness included, in [s]."""
     slow_margin: Threshold = 0.1
-    """SLOW if contact could come within this time after the stop time, in [s]."""
+    """SLOW if contact is possible this soon after the stop time, in [s]."""
     aware_margin: Threshold = 0.3
-    """AWARE if contact could come within this time after the stop time, in [s]."""
+    """AWARE if contact is possible this soon after the stop time, in [s]."""
     rise_delay: Threshold = 0.3
-    """How long a level is held after its last cause, after a reset as well, in [s]. A refused
-    sample, which may be true, counts for as long."""
+    """Time that a level is held after its last cause or a reset, and a refused sample counts, in
+    [s]."""
     scale_rise: Annotated[Positive, Meta(extra={"table": "thresholds"})] = 1.0
-    """By how much the speed scale rises in a second, at most, in [1/s], so that an arm that follows
-    it moves smoothly. It falls at once."""
+    """Greatest rise of the speed scale, in [1/s]; it falls at once."""
     source_timeout: Threshold = 0.2
-    """How long a source without a timeout of its own can be silent before the verdict is STOP, and
-    how far its stamps may be ahead, in [s]."""
+    """Default `timeout` of sources and greatest lead of their stamps, in [s]; beyond it the level
+    is STOP."""
     joint_timeout: Threshold | None = None
-    """Longest step between two joint states, oldest state that is believed, and longest time
-    without a new stamp, in [s]. What is longer or older is a STOP until a reset. Left out: 0.1, or
-    5 ticks if that is longer."""
+    """Longest step, age, or unchanged stamp of joint states, in [s]; beyond it STOP until a reset.
+    Left out: 0.1, or 5 ticks if longer."""
     margin: Annotated[NotNegative, Meta(extra={"table": "bounds"})] = 0.0
     """Distance that counts as contact, in [m]."""
     payload: Annotated[NotNegative | None, Meta(extra={"table": "", "may_be_infinite": True})] = (
         None
     )
-    """Greatest mass that the arm carries, tool included, in [kg]; it decides which entry of the
-    brakes counts. Left out: the heaviest that they are stated for."""
+    """Greatest carried mass, tool included, in [kg]; it selects the entry of the brakes table. Left
+    out: the heaviest entry."""
     operating: Annotated[OperatingLimits | Literal["published"] | None, OWN_PLACE] = None
-    """What the controller keeps to while the arm works, enforced by it and tested here at every
-    joint state; `"published"`: what the robot's description has from published sources. Left out:
-    the robot's limits."""
+    """Limits that the controller enforces while the arm works; armguard tests them at every joint
+    state. `"published"`: those of the robot's description, from published sources. Left out: the
+    robot's limits."""
     base_placement: Annotated[pinocchio.SE3 | None, OWN_PLACE] = None
-    """Placement of the robot's base in the world. Left out: at the origin."""
+    """Pose of the robot's base in the world. Left out: the identity."""
     ignore: Annotated[Iterable[Sequence[str]], OWN_PLACE] = ()
-    """Pairs not to be watched, as (link, pattern of obstacle ids); "*" is any. A pattern that has
-    fitted no obstacle yet is a STOP that names it. With a third element, the name of one of the
-    obstacles' sources, only what that source reports is ignored, and may come later:
-    ("panda_hand", "workpiece*", "camera")."""
+    """Unwatched pairs, as (link, pattern of obstacle ids); "*" matches any. A pattern that has
+    matched no obstacle yet is a STOP that names it. A third element names a source: then only its
+    obstacles are ignored, and they can come later, as in ("panda_hand", "workpiece*", "camera")."""
     contact_limits: Annotated[ContactLimits | None, OWN_PLACE] = None
-    """Which regions of a body a surface of the arm may touch, and at which speed; not with
-    `motion = "isotropic"`. Left out: nothing may be touched while the arm moves."""
+    """Regions of the body that a surface of the arm may touch, and at which speed; not with `motion
+    = "isotropic"`. Left out: nothing may be touched while the arm moves."""
     separation: Annotated[SeparationRule | None, OWN_PLACE] = None
-    """Attach to each verdict the margin of the speed-and-separation distance by this rule; it
-    evaluates every pair in every tick."""
+    """Rule for the separation distance, whose margin each verdict then carries. It evaluates every
+    pair in every tick."""
     certify: Annotated[bool, OWN_PLACE] = False
-    """Attach to each verdict a certificate of the pair that decides it, by free bodies; takes a
-    fraction of a millisecond a tick."""
+    """Whether each verdict carries a certificate of its deciding pair, for free bodies. It takes a
+    fraction of a millisecond per tick."""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -18,6 +18,7 @@ def script():
 def test_the_page_is_what_its_script_writes(script):
     told = (DOCS / "hazards.md").read_text(encoding="utf-8")
     assert told == script["write_page"](), "python docs/make_hazards.py writes it anew"
+    assert script["TABLE"].read_text(encoding="utf-8") == script["write_tests"]()
 
 
 def test_each_hazard_has_a_test_and_each_mark_a_hazard(script):

@@ -18,4 +18,5 @@ def test_each_reason_says_what_to_do(kind):
     assert kind.remedy.endswith(".")
     assert len(kind.remedy.split()) > 5
     assert "|" not in kind.text + kind.remedy
-    assert f"| {kind.text} |" in (DOCS / "reasons.md").read_text(encoding="utf-8")
+    named = f"- **{kind.text}** (`{kind.name.lower()}`): "
+    assert named in (DOCS / "reasons.md").read_text(encoding="utf-8")

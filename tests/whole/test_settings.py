@@ -55,9 +55,8 @@ except armguard.ArmguardError as error:
 else:
     raise AssertionError
 import make_cell
-kind, unit = "number from 1 on and up to 3", "m/s"
 text = "By how much more than needed the arm keeps away."
-assert f"| `caution` | {kind} | {unit} | 1.5 | {text} |" in make_cell.write_page()
+assert f"- `caution` (≥1 ≤3 m/s, 1.5): {text}" in make_cell.write_page()
 """
 
 

@@ -45,297 +45,269 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class IgnoreTable(_Table, kw_only=True):
-    """An entry of `ignore` that holds within a zone alone: a hull of points, in the world."""
+    """An entry of `ignore` that holds in one zone."""
 
     link: Name
-    """A link, or a pattern of links."""
+    """Pattern of links."""
     ids: Name
-    """A pattern of obstacle ids."""
+    """Pattern of obstacle ids."""
     source: Name | None = None
-    """The source that reports these; then they may come later."""
+    """Source that reports the ids, perhaps later."""
     zone: Annotated[list[Vector], Meta(min_length=4, max_length=8)]
-    """Corners of the zone, in the world, in [m]."""
+    """4 to 8 corners in the world, in [m]."""
 
 
 class BaseTable(_Table):
-    """`[robot.base]`: where the robot stands in the world."""
+    """`[robot.base]`: pose of the robot's base in the world."""
 
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Position of its base, in [m]."""
+    """Position, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Its turn: x, y, z, w, of length 1."""
+    """Rotation: x, y, z, w of length 1."""
 
 
 class OperatingTable(_Table):
-    """`[robot.operating]`: what the controller keeps to while the arm works.
+    """`[robot.operating]`: limits that the controller enforces.
 
     One number is a fraction of the hardware's limits; a list has one limit for each joint.
     """
 
     velocity: Fraction | list[Positive] | UnsetType = UNSET
-    """What no joint exceeds: one number is a fraction of each hardware limit, a list has one limit
-    for each joint, in [rad/s] or [m/s]."""
+    """Greatest velocity, in [rad/s] or [m/s]."""
     acceleration: Fraction | list[Positive] | UnsetType = UNSET
-    """How a joint speeds up at most, in the same way, in [rad/s²] or [m/s²]. It may slow down as
-    hard as the hardware can."""
+    """Greatest acceleration, in [rad/s²] or [m/s²]; braking has the hardware's."""
 
 
 class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
-    """`[robot.driver]`: an arm of Universal Robots that `armguard drive` joins ([page](ur.md)).
+    """`[robot.driver]`: an arm of Universal Robots ([page](ur.md)).
 
     Its `name` is "ur".
     """
 
     host: Name
-    """Address of its controller."""
+    """Controller address."""
     model: Name
-    """Which one it must be, such as `"UR5e"`; another one is refused."""
+    """Expected model, such as `"UR5e"`."""
     rate: Positive = 500.0
-    """Joint states a second, in [Hz]: at most 500, and 125 for the CB series."""
+    """Joint states per second, in [Hz]: at most 500; CB series 125."""
     joints: list[Name] | None = None
-    """Names of its six joints, from the base on; without it, those of the maker's descriptions."""
+    """The six joints, from the base."""
     timeout: Positive = 0.1
-    """Silence of the robot after which its program is paused, in [s]. After three times as much, of
-    the robot or of the driver's process, the arm is stopped, which ends its program."""
+    """Silence of the robot that pauses its program, in [s]; three times this, of robot or driver,
+    stops the arm and ends the program."""
     speed: Fraction = 1.0
-    """The speed slider where nothing is near, from above 0 to 1."""
+    """Speed slider where nothing is near."""
     stop_within: Positive = 1.0
-    """How long the arm may move on after an order to pause, in [s]. Then it is stopped, which
-    ends its program."""
+    """Longest motion after a pause, in [s]; then the arm is stopped and the program ended."""
     deceleration: Positive = 4.0
-    """Of that stop, in [rad/s²]."""
+    """Its deceleration, in [rad/s²]."""
 
 
 class FrankaTable(_Table, kw_only=True, tag_field="name", tag="franka"):
-    """`[robot.driver]`: an arm of Franka Robotics that `armguard drive` joins ([page](franka.md)).
+    """`[robot.driver]`: an arm of Franka Robotics ([page](franka.md)).
 
     Its `name` is "franka".
     """
 
     host: Name
-    """Address of its controller."""
+    """Controller address."""
     model: Name = "FR3"
-    """What messages call it: the robot does not tell which one it is."""
+    """Name in messages; the robot reports none."""
     joints: list[Name] | None = None
-    """Names of its seven joints, from the base on; without it, those of the maker's
-    descriptions."""
+    """The seven joints, from the base."""
     timeout: Positive = 0.1
-    """Silence of the robot after which its program is paused, in [s]. After three times as much, of
-    the robot or of the driver's process, another process connects."""
+    """Silence of the robot that pauses its program, in [s]; after three times this, of robot or
+    driver, another process connects."""
     waypoints: list[list[float]] = []
-    """Positions of all joints between which it moves, again and again, in [rad]: two at least, and
-    none where a shield moves it."""
+    """Two or more positions to move between, in [rad]; none with a shield."""
     speed: Fraction = 1.0
-    """How fast it moves between them where nothing is near, as a fraction of `[robot.operating]`,
-    from above 0 to 1."""
+    """Fraction of `[robot.operating]` where nothing is near."""
     stop_within: Positive = 1.0
-    """How long it may move on after an order to pause, in [s]. Then the robot ends its motion,
-    which ends the program."""
+    """Longest motion after a pause, in [s]; then the program is ended."""
     deceleration: Positive = 4.0
-    """To a waypoint, and to a pause, in [rad/s²]."""
+    """Deceleration to waypoints and pauses, in [rad/s²]."""
 
 
 class ObstacleTopicTable(_Table, kw_only=True):
-    """`[robot.driver.obstacles.<source>]`: a topic that shows obstacles, by its source."""
+    """`[robot.driver.obstacles.<source>]`: a topic of obstacles."""
 
     topic: Name
     """Its name, such as `"/people"`."""
     type: Name
-    """Type of its messages, one of [these](ros2.md#what-comes-in)."""
+    """One of [these](ros2.md#what-comes-in)."""
     radius: NotNegative | None = None
-    """Of what comes without sizes, in [m]; needed for such types."""
+    """Radius, in [m]; needed for types without sizes."""
     snapshot: bool = False
-    """Whether each message shows all that its source sees."""
+    """A message has all that the source sees."""
 
 
 class FrameErrorsTable(_Table):
-    """`[robot.driver.frames.<pattern>]`: what frames that come as transforms may be off by.
-
-    It holds for those whose name fits the pattern ([Frames](ros2.md#frames)).
-    """
+    """`[robot.driver.frames.<pattern>]`: [frames](ros2.md#frames); the first match counts."""
 
     position: NotNegative = 0.0
-    """Of its origin in its parent, in [m]."""
+    """Error of the origin, in [m]."""
     angle: NotNegative = 0.0
-    """Of its turn, in [rad]."""
+    """Error of the rotation, in [rad]."""
     speed: NotNegative = 0.0
-    """Of its origin in its parent, at most, in [m/s]."""
+    """Greatest speed of the origin, in [m/s]."""
     turn_rate: NotNegative = 0.0
-    """At most, in [rad/s]."""
+    """Greatest angular velocity, in [rad/s]."""
 
 
 class Ros2Table(_Table, kw_only=True, tag_field="name", tag="ros2"):
-    """`[robot.driver]`: an arm in a ROS 2 graph that `armguard drive` joins ([page](dds.md)).
+    """`[robot.driver]`: an arm in a ROS 2 graph ([page](dds.md)).
 
     Its `name` is "ros2".
     """
 
     domain: Annotated[int, Meta(ge=0, le=MOST_DOMAINS)] | None = None
-    """Number of its domain; without it, that of the variable `ROS_DOMAIN_ID`, or 0."""
+    """DDS domain."""
     joint_states: Name = "/joint_states"
     """Topic of the joint states."""
     speed_override: Name = "/armguard/speed_override"
-    """Topic for the speed that verdicts allow."""
+    """Topic for the allowed speed."""
     trajectory: Name | None = None
-    """Topic for trajectories, such as `"/joint_trajectory_controller/joint_trajectory"`: for the
-    commands of a shield, and for braking an arm that moves on."""
+    """Topic for shield commands and braking."""
     timeout: Positive = 0.1
-    """Silence of the joint states after which the arm is stopped, in [s]."""
+    """Silence of joint states that stops the arm, in [s]."""
     stop_within: Positive = 1.0
-    """How long the arm may move on after a speed of 0, in [s]. Then a trajectory that brakes is
-    sent, where there is a topic for it."""
+    """Longest motion after speed 0, in [s]; then `trajectory` brakes."""
     deceleration: Positive = 4.0
-    """Of that trajectory, in [rad/s²]."""
+    """Its deceleration, in [rad/s²]."""
     obstacles: dict[Name, ObstacleTopicTable] = {}
-    """Topics that show obstacles."""
+    """Topics with obstacles, by source."""
     frames: dict[Name, FrameErrorsTable] = {}
-    """Errors and bounds of frames that come as transforms, by pattern; the first that fits counts.
-    """
+    """Errors of frames from transforms, by pattern; the first match counts."""
 
 
 class _AnyArmTable(_Table):
-    """What `[robot]` and `[[robots]]` say alike."""
+    """Keys that `[robot]` and `[[robots]]` share."""
 
     urdf: Name | None = None
-    """Path of the URDF of any other robot: its geometry and joints."""
+    """Path of another robot's URDF."""
     limits: Name | None = None
-    """Path of its robot.toml: its limits, each with its source. Beside `urdf` alone, and needed
-    there."""
+    """Path of its robot.toml; needed with `urdf`."""
     package_dirs: list[Name] = []
-    """Folders in which `package://` names of meshes are looked up. Beside `urdf` alone."""
+    """Folders for `package://` names; with `urdf`."""
     joints: list[Name] | None = None
-    """The joints to be watched: of one arm beside `urdf` alone, of several those that are this
-    arm's, by name or by pattern, such as `["left_*"]`."""
+    """Watched joints; of one arm with `urdf`, of several also by pattern, such as `["left_*"]`."""
     cover: Name | None = None
-    """Path of a cover.json, as `armguard cover` writes it."""
+    """Path of a cover.json from `armguard cover`."""
     level: Annotated[int, Meta(ge=0)] | None = None
-    """The finest level of the cover to be used, from 0, which is one ball a link."""
+    """Finest cover level; 0: one sphere per link."""
     base: BaseTable = BaseTable()
-    """Where the robot stands."""
+    """Pose of the robot's base."""
     payload: NotNegative | UnsetType = UNSET
-    """What it carries at most, tool included, in [kg]: how soon it stops."""
+    """Greatest mass, tool included, in [kg]; it decides the stop time."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
-    """What its controller keeps to: a table, or `"published"` for the figures that are published of
-    a robot that armguard knows."""
+    """Limits that the controller enforces; `"published"`: those of a known robot."""
     driver: UrTable | FrankaTable | Ros2Table | None = None
-    """How `armguard drive` joins it."""
+    """How `armguard drive` connects to the robot."""
 
 
 class RobotTable(_AnyArmTable):
-    """`[robot]`: one that armguard knows, a folder with one, or any URDF with a file of limits."""
+    """`[robot]`: a known robot, or a URDF with a file of limits."""
 
     name: Name | None = None
-    """A robot that armguard knows, as `armguard robots` lists them. Either this or `urdf`."""
+    """Robot of `armguard robots`, or folder of one; or give `urdf`."""
 
 
 class StampTable(_Table):
-    """`[joint_state]`: how the robot's states are stamped."""
+    """`[joint_state]`: stamps of joint states."""
 
     clock: Literal["monotonic", "unix"] = "monotonic"
-    """Which clock stamps: the machine's monotonic one, or seconds since 1970."""
+    """Monotonic clock, or seconds since 1970."""
     latency: NotNegative = 0.0
-    """How old a state is by the time of its stamp, in [s]."""
+    """Age of a state at its stamp, in [s]."""
     clock_error: NotNegative = 0.0
-    """What stamps may be off by, either way, in [s]. It widens the errors of all joints."""
+    """Stamp error, either way, in [s]; it widens joint errors."""
 
 
 class FrameTable(_Table):
-    """`[frames.<name>]`: where a sensor stands, and how well that is known."""
+    """`[frames.<name>]`: pose of a sensor."""
 
     parent: Name = "world"
-    """The frame that it stands in: `world`, `base`, or another of this file."""
+    """`world`, `base`, or a frame of the file."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Its origin in the parent, in [m]."""
+    """Origin in the parent, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Its turn in the parent: x, y, z, w, of length 1."""
+    """Rotation: x, y, z, w of length 1."""
     calibration_error: NotNegative = 0.0
-    """How far a point may be off because of the frame, in [m]. It is added to the errors of what is
-    given in it, and along a chain of frames."""
+    """Error of points due to the frame, in [m]; it adds up along chains."""
 
 
 class SourceTable(_Table):
-    """`[sources.<name>]`: one that sends obstacles."""
+    """`[sources.<name>]`: a sender of obstacles."""
 
     rate: Positive | None = None
-    """Messages a second that it means to send, in [Hz]. A `timeout` shorter than a period of it is
-    refused."""
+    """Planned messages per second, in [Hz]; a `timeout` below its period is refused."""
     timeout: Positive | None = None
-    """Silence that it may keep before the arm has to stop, in [s]."""
+    """Silence that stops the arm, in [s]."""
     clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
-    """Which clock stamps: the machine's monotonic one, seconds since 1970, or the time of arrival
-    for a source without a clock that could be compared."""
+    """`"arrival"`: the source has no comparable clock."""
     latency: NotNegative = 0.0
-    """From the measurement to the stamp, in [s]. With `arrival`: from the measurement to the
-    arrival, at the longest, and above 0."""
+    """Measurement to stamp, in [s]; with `arrival`, longest time to arrival, above 0."""
     clock_error: NotNegative = 0.0
-    """What stamps may be off by, either way, in [s]. It widens errors by what bounds allow, so
-    `[bounds]` must state them."""
+    """Stamp error, either way, in [s]; it widens errors by the bounds, which must be stated."""
     required: bool = True
-    """Whether the arm stands until this source has spoken. Any source that has spoken must go on.
-    """
+    """The arm waits for its first message. Any source that has sent must continue."""
     on_refusal: Literal["bound", "stop"] = "bound"
-    """What a refused sample does: it may be true, and counts with its bounds, or it stops the arm.
-    """
+    """A refused sample can be true and counts, or stops the arm."""
     max_message_size: Annotated[int, Meta(gt=0, le=BYTE_LIMIT)] | UnsetType = UNSET
-    """Size of one message at most, in [bytes]."""
+    """Greatest message, in [bytes]."""
     max_message_rate: Positive | UnsetType = UNSET
-    """Messages a second at most, in [1/s]."""
+    """Most messages per second, in [1/s]."""
     max_obstacles: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
-    """Obstacles in the table at once, at most."""
+    """Most obstacles at once."""
     max_points: Annotated[int, Meta(gt=0)] | UnsetType = UNSET
-    """Points of one cloud at most."""
+    """Most points of a cloud."""
 
 
 class CloudsTable(_Table):
-    """`[clouds]`: that clouds of depth cameras are taken, and how the arm is taken out of them."""
+    """`[clouds]`: accept clouds and remove the arm from them; left out: refuse them."""
 
     shell: NotNegative | UnsetType = UNSET
-    """How far from the arm's cover a point still counts as the arm's own, in [m]: what is nearer to
-    it than this is not seen."""
+    """Points this near to the cover count as the arm, in [m]; nothing is seen there."""
     time_error: NotNegative = 0.005
-    """What stamps of clouds and of joint states may be apart by, in [s]."""
+    """Greatest time between cloud and joint state, in [s]."""
     trail: NotNegative | UnsetType = UNSET
-    """How far behind the arm, along a ray, points of its edge may be measured, in [m]: what lies
-    there on a ray that touches the shell is not seen."""
+    """How far behind the arm its edge can be measured, in [m]; nothing is seen there on rays
+    through the shell."""
 
 
 class StaticTable(_Table, kw_only=True):
-    """`[statics.<id>]`: something that never moves, a ball or the rounded hull of 8 points."""
+    """`[statics.<id>]`: an obstacle that never moves."""
 
     frame: Name = "world"
-    """The frame that its points are given in."""
+    """Frame of the points."""
     position: Vector | None = None
-    """Its place, in [m]. Either this or `points`."""
+    """One point, in [m]; or give `points`."""
     points: Annotated[list[Vector], Meta(min_length=1, max_length=8)] | None = None
-    """1 to 8 points, whose hull it is, in [m]."""
+    """1 to 8 hull points, in [m]."""
     radius: NotNegative
-    """By which the point or the hull is rounded, in [m]."""
+    """Radius around them, in [m]."""
 
 
 class EntranceTable(StaticTable, kw_only=True):
-    """`[entrances.<id>]`: where a body may come out at any moment before it has been reported."""
+    """`[entrances.<id>]`: a place where unreported bodies can appear."""
 
     detection_time: NotNegative
-    """From leaving it until a source has reported the body, at the longest, in [s]."""
+    """Longest time from appearance to report, in [s]."""
     speed: Positive | None = None
-    """Of what may come out, in [m/s]."""
+    """Their greatest speed, in [m/s]."""
 
 
 class TetherTable(_Table, kw_only=True):
-    """`[[tethers]]`: two obstacles that are never far apart, such as an elbow and its shoulder.
-
-    Where one of them is not seen it is near the other one ([Obstacles](obstacles.md#tethers)).
-    """
+    """`[[tethers]]`: two [tethered](obstacles.md#tethers) obstacles of one source."""
 
     a: Name
-    """Id of one obstacle."""
+    """One id."""
     b: Name
-    """Id of the other one, reported by the same source."""
+    """The other id."""
     length: NotNegative
-    """No centre point of either is ever farther from the hull of the other's centre points, in [m].
-    """
+    """Greatest distance of a centre point of either from the other's hull, in [m]."""
     source: Name
-    """Where the length comes from."""
+    """Origin of the length."""
 
 
 class RoundTable(_Table):
@@ -348,45 +320,43 @@ class RoundTable(_Table):
 
 
 class ToolTable(_Table):
-    """`[tool]`: a body fixed to a link, placed in the frame of the link's joint; one geometry."""
+    """`[tool]`: a body fixed to a link, with one geometry."""
 
     name: Name
-    """What verdicts call it."""
+    """Name in verdicts."""
     link: Name
-    """The link that it is fixed to."""
+    """Its link."""
     xyz: Vector = (0.0, 0.0, 0.0)
-    """Place of its geometry in the frame of the joint that moves the link, in [m]."""
+    """Position in the frame of the link's joint, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Turn of its geometry in that frame: x, y, z, w, of length 1."""
+    """Rotation: x, y, z, w of length 1."""
     sphere: Positive | None = None
-    """Radius of a ball, in [m]."""
+    """Radius, in [m]."""
     box: tuple[Positive, Positive, Positive] | None = None
-    """Lengths of its edges, in [m]."""
+    """Edge lengths, in [m]."""
     capsule: RoundTable | None = None
-    """`{ radius = …, length = … }`, along z, in [m]; the length is between the balls' centres."""
+    """`{ radius = …, length = … }` along z, in [m]; length between centres."""
     cylinder: RoundTable | None = None
-    """`{ radius = …, length = … }`, along z, in [m]."""
+    """`{ radius = …, length = … }` along z, in [m]."""
     mesh: Name | None = None
     """Path of an STL, OBJ or DAE file."""
     mesh_scale: Positive = 1.0
-    """By which the lengths of the mesh are multiplied: 0.001 for millimetres."""
+    """Length factor; 0.001 for millimetres."""
 
 
 class ArmTable(_AnyArmTable, kw_only=True):
-    """`[[robots]]`: one of several arms; the monitor of each watches it against the others."""
+    """`[[robots]]`: one of several arms, with its own monitor and `tool`."""
 
     name: Name
-    """What the cell calls it, and what its joint states carry as `arm`; no other has it."""
+    """Unique name; `arm` in joint states."""
     robot: Name | None = None
-    """As `name` of `[robot]`. Either this or `urdf`."""
+    """As `name` of `[robot]`; or give `urdf`."""
     calibration_error: NotNegative = 0.0
-    """How far any of its points may be off because of where and how its base stands, in [m]; it
-    counts where one arm is another's obstacle. A base that is turned by an angle moves the hand by
-    that angle times the reach."""
+    """Error of its points for other arms, from its base, in [m]; angles count times the reach."""
     tool: ToolTable | None = None
-    """What is fixed to one of its links."""
+    """Body fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
-    """Pairs of its links that are not watched, beside those of the cell."""
+    """Unwatched pairs, besides the cell's."""
 
     def as_robot(self) -> RobotTable:
         """The same as `[robot]` of a cell in which there is no other arm."""
@@ -395,93 +365,87 @@ class ArmTable(_AnyArmTable, kw_only=True):
 
 
 class PatternTable(_Table):
-    """What the ids of one pattern can do, in `[bounds.of]`."""
+    """Bounds of the ids of one pattern."""
 
     accel: Bound
-    """Bound on the acceleration, in [m/s²]; may be inf."""
+    """Greatest acceleration, in [m/s²], or inf."""
     speed: Bound
-    """Bound on the speed, in [m/s]; may be inf."""
+    """Greatest speed, in [m/s], or inf."""
 
 
 class BoundsTable(_Table):
-    """`[bounds]`: what obstacles can do unless they say otherwise, and what counts as contact.
-
-    `[bounds.of]` says by pattern of ids what those can do, as bounds or as a part of a body; the
-    first pattern that fits counts.
-    """
+    """`[bounds]`: motion bounds of obstacles that state none."""
 
     accel: Bound | UnsetType = UNSET
-    """Bound on the acceleration of an obstacle that says nothing else, in [m/s²]: at most 1000, or
-    inf."""
+    """Greatest acceleration, in [m/s²]: at most 1000, or inf."""
     speed: Bound | UnsetType = UNSET
-    """Bound on its speed, in [m/s]: at most 100, or inf."""
+    """Greatest speed, in [m/s]: at most 100, or inf."""
     extent: Positive | UnsetType = UNSET
-    """How far from the origin of the world coordinates may be, in [m]."""
+    """Greatest world coordinate, either way, in [m]."""
     body_limits: tuple[Positive, Positive] | UnsetType = UNSET
-    """What no part of a body does: its speed in [m/s], and its acceleration in [m/s²]. What exceeds
-    both its bounds and these is an error of measurement."""
+    """No body part exceeds this speed in [m/s] and acceleration in [m/s²]; beyond them and its
+    bounds a sample has a measurement error."""
     of: dict[Name, str | PatternTable] = {}
-    """By pattern of ids, the first that fits: a part of a body, such as `"hand"`, or a table of
-    `accel` and `speed`."""
+    """By id pattern, the first match: a body part such as `"hand"`, or a table."""
 
 
 class ContactTable(_Table, ContactLimit, kw_only=True):
-    """`[contact_limits.<region>]`: how a surface of the arm may touch one region of a body.
+    """`[contact_limits.<region>]`: [permitted contact](contact_limits.md).
 
-    Stated in exactly one of three ways: by `speed`, by `energy` and `body_mass`, or by `force`,
-    `stiffness` and `body_mass`.
+    It is stated by `speed`; by `energy` and `body_mass`; or by `force`, `stiffness` and
+    `body_mass`.
     """
 
     ids: list[Name] = []
-    """Patterns of the ids of obstacles that are this region, beside what messages state."""
+    """Id patterns of the region, besides messages."""
 
 
 class MonitorTable(_Table):
-    """`[monitor]`: how often and how pairs are evaluated."""
+    """`[monitor]`: evaluation of pairs."""
 
 
 class ThresholdsTable(_Table):
-    """`[thresholds]`: times, and a rate, that decide about levels, speeds and faults."""
+    """`[thresholds]`: times that decide levels and faults."""
 
 
 class ShieldTable(_Table, kw_only=True):
-    """`[shield]`: how `armguard shield` moves the arm; its rate is that of `[monitor]`.
+    """`[shield]`: motion by `armguard shield`, with `motion = "planned"`.
 
-    It needs `motion = "planned"` there, and `robot.operating` says how fast the arm moves.
+    Its rate is that of `[monitor]`; `robot.operating` limits the speed.
     """
 
     jerk: Positive | list[Positive]
-    """The greatest jerk of all joints, or of each, in [rad/s³] or [m/s³]."""
+    """Greatest jerk of all joints or each, in [rad/s³] or [m/s³]."""
     look_ahead: Positive | UnsetType = UNSET
-    """For how long the arm must be able to go on as fast as it was asked to, in [s]: less gets more
-    work done, more brakes more gently."""
+    """Time for which the requested speed must stay possible, in [s]: less does more work, more
+    brakes more gently."""
     chunk_period: Positive | UnsetType = UNSET
-    """Between points of a chunk, in [s]."""
+    """Time between chunk points, in [s]."""
     tracking_error: Positive | list[Positive] | UnsetType = UNSET
-    """How far all joints, or each, may be off a command, in [rad] or [m]."""
+    """Greatest distance from a command, in [rad] or [m]."""
     velocity_tracking_error: Positive | list[Positive] | UnsetType = UNSET
-    """How far their velocities may be off, in [rad/s] or [m/s]."""
+    """Greatest velocity error, in [rad/s] or [m/s]."""
 
 
 class ClientTable(_Table):
-    """`[keys.clients.<name>]`: one that may connect, by its public key, and what it may do."""
+    """`[keys.clients.<name>]`: a client that can connect."""
 
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
-    """Its public key, 40 characters, as `armguard keys new` prints it."""
+    """Public key, 40 characters."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """What it may do: `obstacles` (as the source of its own name), `joints` (and plans, goals, and
-    contact that is wanted), `verdicts` (and commands), `reset`, `view`."""
+    """`obstacles` as the source of its name, `joints` (plans, goals, wanted contact too),
+    `verdicts` (commands too), `reset`, `view`."""
     arms: list[Name] = []
-    """Beside `[[robots]]`, the arms that it speaks for with `joints`, by their names there."""
+    """Arms of `[[robots]]` for which it sends `joints`."""
 
 
 class KeysTable(_Table):
-    """`[keys]`: the monitor's secret file, and all that may connect; nothing else may."""
+    """`[keys]`: the monitor's secret and its only [clients](keys.md)."""
 
     secret: Name
-    """Path of the secret file of the monitor, as `armguard keys new` writes it."""
+    """Path of the secret file from `armguard keys new`."""
     clients: dict[Name, ClientTable] = {}
-    """Who may connect, by name."""
+    """Clients, by name."""
 
 
 class CellTables(_Table, kw_only=True):
@@ -492,50 +456,47 @@ class CellTables(_Table, kw_only=True):
     """
 
     settings: Literal["auto", "stated"] = "stated"
-    """Whether a trial at the start chooses what `[monitor]` and `robot.level` leave out ([Choosing
-    settings](settings.md))."""
+    """`"auto"`: a [trial](settings.md) chooses what `[monitor]` and `robot.level` leave out."""
     settings_from: Name | None = None
-    """Path of the recording that the trial is taken from."""
+    """Path of the recording for the trial."""
     robot: RobotTable = RobotTable()
     """The arm. Either this or `robots`."""
     robots: list[ArmTable] = []
-    """Several arms, each watched by a monitor of its own, and an obstacle for the others."""
+    """Several arms; each has a monitor and is an obstacle for the others."""
     joint_state: StampTable = StampTable()
-    """How its states are stamped."""
+    """Stamps of the joint states."""
     frames: dict[Name, FrameTable] = {}
-    """Where sensors stand."""
+    """Poses of sensors."""
     sources: dict[Name, SourceTable] | UnsetType = UNSET
-    """What sends obstacles. An empty table says that nothing does; without it the arm stands until
-    something is sent."""
+    """Senders of obstacles. An empty table: nothing is sent. Without it the arm waits for a first
+    message."""
     clouds: CloudsTable | None = None
-    """How clouds of depth cameras are taken; without it none are."""
+    """Clouds of depth cameras; without it they are refused."""
     statics: dict[Name, StaticTable] = {}
-    """What never moves."""
+    """Obstacles that never move."""
     entrances: dict[Name, EntranceTable] = {}
-    """Where bodies may come out."""
+    """Places where bodies can appear."""
     tethers: list[TetherTable] = []
-    """Which obstacles are never far apart."""
+    """Obstacles that stay close."""
     tool: ToolTable | None = None
-    """What is fixed to a link."""
+    """Body fixed to a link."""
     ignore: list[IgnoreEntry | IgnoreTable] = []
-    """Pairs that are not watched: link or pattern of links, pattern of obstacle ids, and perhaps
-    the source that reports these. The arm stands while a pattern of ids has fitted nothing; with a
-    source it may come later. A table ignores them in a zone only."""
+    """Unwatched pairs: link pattern, id pattern, perhaps source. Without a source, the arm stands
+    until an id matches."""
     bounds: BoundsTable = BoundsTable()
-    """What obstacles can do."""
+    """Motion bounds of obstacles."""
     contact_limits: dict[Name, ContactTable] = {}
-    """By region of a body, what contact with it is permitted. Without it nothing may be touched
-    while the arm moves ([Contact limits](contact_limits.md))."""
+    """Permitted contact, by body region. Without it nothing may be touched while the arm moves."""
     monitor: MonitorTable = MonitorTable()
     """How often and how pairs are evaluated."""
     thresholds: ThresholdsTable = ThresholdsTable()
-    """Times that decide about levels and faults."""
+    """Times that decide levels and faults."""
     shield: ShieldTable | None = None
-    """How a shield moves the arm; `armguard run` leaves it alone."""
+    """How a shield moves the arm; `armguard run` ignores it."""
     separation: SeparationRule | None = None
-    """The usual rule's distance."""
+    """Separation distance for comparison."""
     keys: KeysTable | None = None
-    """Who may connect."""
+    """Who can connect."""
 
 
 PATHS: dict[type[_Table], tuple[str, ...]] = {

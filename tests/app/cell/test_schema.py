@@ -162,7 +162,7 @@ def test_each_key_that_may_hold_a_path_is_known_as_one():
         (kind, name)
         for kind in tables
         for name, text in read_texts(kind).items()
-        if re.match(r"Paths? |Folders ", text) or "armguard knows, as `armguard robots`" in text
+        if re.match(r"Paths? |Folders |Robot .* folder ", text)
     }
     told = {(kind, name) for kind, names in PATHS.items() for name in names}
     assert found <= told
