@@ -48,14 +48,13 @@ def test_what_the_arm_adds_is_the_energy_stated_and_never_more(way, own):
 
 def test_the_page_computes_its_figures_as_armguard_does():
     page = (Path(__file__).parents[2] / "docs" / "contact_limits.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| ([a-z ]+) \|((?: [\d.]+ \|){5})$", page, flags=re.MULTILINE)
+    rows = re.findall(r"^\| ([a-z ]+) \|((?: [\d.]+ \|){4})$", page, flags=re.MULTILINE)
     assert len(rows) == 7
     for region, cells in rows:
-        mass, stiffness, force, energy, speed = (float(one) for one in cells.split("|")[:-1])
+        mass, stiffness, force, speed = (float(one) for one in cells.split("|")[:-1])
         assert region.replace(" ", "_") in REGIONS
         limit = make_limit(force=2.0 * force, stiffness=1e3 * stiffness, body_mass=mass)
         assert speed == pytest.approx(limit.max_speed, abs=0.006)
-        assert energy == pytest.approx(0.5 * mass * limit.max_speed**2, abs=0.006)
 
 
 def test_a_speed_is_the_limit_itself_where_the_part_is_at_rest():
