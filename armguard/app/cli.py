@@ -591,7 +591,7 @@ class Faults:
     only: tuple[str, ...] = ()
     """Names of faults, or patterns as "driver-*"; without it, all."""
     out: Path | None = None
-    """The page to write."""
+    """The page to write; a CSV file beside it has a row for each fault."""
     json: Flag = False
     """Print one JSON object instead of a table."""
 
@@ -646,7 +646,7 @@ class Extremes:
     """
 
     out: Path | None = None
-    """The page to write; without it, it is printed."""
+    """The page to write, with a CSV file of all cases beside it; without it, it is printed."""
     seed: int = 0
     """Of all cases."""
     json: Flag = False
