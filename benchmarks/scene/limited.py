@@ -37,11 +37,19 @@ def write_limits(results: Results, scope: Scope) -> list[str]:
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
     text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
     lines = ["## Contact limits", "", text, *_shares(results, settings), ""]
+    touches = [
+        touch
+        for one in results.found
+        if one.rule.endswith(WITH_LIMITS) and isinstance(one.outcome, Obeyed)
+        for touch in one.outcome.touches
+        if touch.is_promised
+    ]
+    beyond = sum(touch.is_beyond for touch in touches)
     lines += [
-        "Causes of STOP; what obeying costs; every touch of an arm that obeys:",
-        "", *_causes(results, settings), "", *_obeying(results, settings), "",
+        f"Causes of STOP; costs of obeying; touches ({len(touches)}, {beyond} beyond a limit):",
+        "", *_causes(results, settings), "", *_obeying(results, settings),
     ]  # fmt: skip
-    return lines
+    return [*lines, ""]
 
 
 def find_aims(results: Results, scope: Scope) -> list[Aim]:
