@@ -38,7 +38,7 @@ from scene.loop_page import Row, find_hours, write_page
 from scene.machine import describe_machine
 from scene.recorded_people import People
 from scene.shielded import Following, Shielded, ShieldMover, play
-from scene.simulated_arm import LOAD, NEAR, SimulatedArm
+from scene.simulated_arm import LOAD, SimulatedArm
 from scene.stop_rules import Setting
 
 JERK = 500.0  # of all joints, [rad/s³]
@@ -266,7 +266,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
     facts = {
         "cases": len(cases), "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
-        "machine": describe_machine(load=False), "load": LOAD, "near": 1e3 * NEAR,
+        "machine": describe_machine(load=False), "load": LOAD,
         "margin": MARGIN, "drill": DRILL_EVERY, "drilled": DRILLS * DRILL_SECONDS,
     }  # fmt: skip
 

@@ -596,7 +596,7 @@ class Faults:
     only: tuple[str, ...] = ()
     """Names of faults, or patterns such as "driver-*". Default: all faults."""
     out: Path | None = None
-    """Markdown page to write."""
+    """Markdown page to write, with a CSV file beside it that has a row for each fault."""
     json: Flag = False
     """Print one JSON object instead of a table."""
 
@@ -651,7 +651,7 @@ class Extremes:
     """
 
     out: Path | None = None
-    """Markdown page to write. Default: print the results."""
+    """Markdown page to write, with all cases in a CSV file beside it. Default: print them."""
     seed: int = 0
     """Seed of all random cases."""
     json: Flag = False

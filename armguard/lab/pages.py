@@ -6,6 +6,8 @@ decided here, once for all studies.
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -114,20 +116,44 @@ def write_report(
     )
 
 
+def name_table(out: Path) -> Path:
+    """The CSV file beside a page, for its long table."""
+    return out.with_suffix(".csv")
+
+
+def write_csv(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
+    """A table as CSV, without the marks of Markdown."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for row in (heads, *rows):
+        writer.writerow(cell.replace("**", "") for cell in row)
+    return text.getvalue().encode()
+
+
 def check_page(out: Path) -> None:
-    """Refuse a page that cannot be written now, not after minutes; what stands in it stays.
+    """Refuse a page that cannot be written now, not after minutes, and its table beside it.
 
     Raises:
         ArmguardError: It is a folder or in none, or may not be written.
     """
+    _check_file(out)
+    table = name_table(out)
+    if table == out:
+        problem = "is where the page's table goes"
+        raise ArmguardError(f"--out {out}", problem, expected="a page, such as page.md")
+    _check_file(table)
+
+
+def _check_file(path: Path) -> None:
+    """What stands in it stays."""
     try:
-        is_new = not out.exists()
-        out.open("a").close()
+        is_new = not path.exists()
+        path.open("a").close()
         if is_new:
-            out.unlink()  # a study that comes to no end leaves no page
+            path.unlink()  # a study that comes to no end leaves no page
     except OSError as error:
         raise ArmguardError(
-            f"--out {out}",
+            f"--out {path}",
             f"cannot be written ({error.strerror})",
             expected="a file in a folder that is, such as page.md",
         ) from None

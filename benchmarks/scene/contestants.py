@@ -40,18 +40,10 @@ OPERATING_ACCELERATION = 0.27
 
 
 DESCRIPTIONS = {
-    ISOTROPIC: '`motion="isotropic"`, points of the arm as free bodies',
-    JOINT: "the default's contact time against the time in which any arm would rest",
-    OPERATING: f"`operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits and"
-    f" {OPERATING_VELOCITY:g} of the top speeds of the arm's trajectories",
-    PIECES: "operating limits, and `commit`: in each tick the next piece, with a stop at its end;"
-    " no reaction time enters; an arm that is refused one stops at the end of the one before",
-    PIECES + LEFT: 'the same with `leave="any"`: joints may leave a piece at any moment',
-    PIECES + NO_LOAD: "the same with `payload=0`: brakes as they are without load",
-    OPERATING + TETHERED: "limbs of the person are tied to each other (`tether`), by published"
-    " means plus four standard deviations, longer than anybody's here. Elbows and shoulders are"
-    " sent as balls, too, within the limbs that meet there",
-    OPERATING + MEASURED: "the same with lengths of this person: the longest of all clean samples",
+    OPERATING: f"a monitor with `operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits"
+    f" and {OPERATING_VELOCITY:g} of the top speeds",
+    PIECES: "`commit` besides: in each tick the next piece, with a stop at its end",
+    OPERATING + TETHERED: "[tethers](obstacles.md#tethers) by published lengths",
 }
 """What is particular about monitors with settings."""
 

@@ -1,10 +1,14 @@
-"""What the page says first: three numbers, and one table of what each bound and each age costs."""
+"""What the page says first: three numbers, and tables of time in STOP and work lost."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from scene.contestants import (
     AS_THEY_COME,
-    FORGETFUL,
+    LEAST,
+    MAIN,
+    MAIN_RAW,
     OPERATING,
     SEPARATION,
     TETHERED,
@@ -17,61 +21,97 @@ from scene.stop_rules import Setting
 def write_numbers(results: Results, scope: Scope) -> list[str]:
     """Time in STOP, work lost and what was missed, in the setting nearest to a real cell."""
     setting, mine, rival = scope.real, OPERATING + AS_THEY_COME, SEPARATION + AS_THEY_COME
-    stopped, rivals = (results.share(None, rule, setting) for rule in (mine, rival))
-    lost, by_rival = (results.lost(None, rule, setting, "obeys") for rule in (mine, rival))
-    text = f"Operating limits stated, bounds on people {setting.bounds}, samples"
-    text += f" {milliseconds(setting.camera)} old and as they come,"
-    text += f" {milliseconds(setting.reaction)} of reaction; all speeds and places together:"
     tied = OPERATING + TETHERED
+    stopped, rivals, tied_stopped = (
+        percent(results.share(None, rule, setting)) for rule in (mine, rival, tied)
+    )
+    lost, by_rival, tied_lost = (
+        percent(results.lost(None, rule, setting, "obeys")) for rule in (mine, rival, tied)
+    )
+    times, tied_times = (
+        multiple(results.ratio(None, rule, rival, setting)) for rule in (mine, tied)
+    )
     missed = _find_missed(results, mine, setting)
     needed = results.total("needed", None, mine, setting)
     return [
-        text,
+        f"With operating limits, bounds on people {setting.bounds}, samples"
+        f" {milliseconds(setting.camera)} old and as they come, and"
+        f" {milliseconds(setting.reaction)} of reaction; all speeds and places together:",
         "",
-        f"- **{percent(stopped)} of the time in STOP**; the {SEPARATION} on the same samples"
-        f" {percent(rivals)}. That is {multiple(results.ratio(None, mine, rival, setting))} times.",
-        f"- **{percent(lost)} of its work lost** by an arm that obeys; by the {SEPARATION}"
-        f" {percent(by_rival)}.",
-        "- Where the person's limbs are tied to each other, by published lengths:"
-        f" **{percent(results.share(None, tied, setting))} of the time in STOP**, which is"
-        f" {multiple(results.ratio(None, tied, rival, setting))} times, and"
-        f" {percent(results.lost(None, tied, setting, 'obeys'))} of its work lost.",
-        f"- **{missed[0]} of {needed} needed STOPs missed**, and {missed[1]} with a hidden body,"
-        f" {missed[2]} with one that had broken its bounds; with limbs tied"
-        f" {_count(results, tied, setting)}. The {SEPARATION} missed"
-        f" {_count(results, rival, setting)}, and where it leaves hidden bodies out"
-        f" {_count(results, SEPARATION + FORGETFUL, setting)}.",
+        f"- **{stopped} of the time in STOP**; the {SEPARATION} {rivals}: {times} times;"
+        f" with tethers **{tied_stopped}**, {tied_times} times.",
+        f"- **{lost} of the work lost**; the {SEPARATION} {by_rival}; with tethers {tied_lost}.",
+        f"- **{missed[0]} of {needed} needed STOPs missed**, {missed[1]} hidden, {missed[2]}"
+        f" beyond; with tethers {_count(results, tied, setting)}; the {SEPARATION}"
+        f" {_count(results, rival, setting)}.",
+    ]
+
+
+def write_short_tables(results: Results, scope: Scope) -> list[str]:
+    """The main rules in the setting nearest to a real cell, and in the usual one."""
+    usual, real = scope.usual, scope.real
+    settings = [usual._replace(reaction=reaction) for reaction in scope.extremes]
+    return [
+        "## Time in STOP and work lost",
+        "",
+        f"Data as they come, {real.bounds}, samples {milliseconds(real.camera)} old: time in STOP,"
+        f" in brackets as a multiple of the {SEPARATION}, and work lost.",
+        "",
+        *_tabulate(results, MAIN_RAW, [real], has_lost=True),
+        "",
+        f"Clean data, {usual.bounds}, samples {milliseconds(usual.camera)} old: time in STOP.",
+        "",
+        *_tabulate(results, (LEAST, *MAIN), settings, has_lost=False),
         "",
     ]
 
 
-def write_costs(results: Results, scope: Scope, rules: tuple[str, ...]) -> list[str]:
-    """Time in STOP and work lost by speed, bounds and age, of some rules; all places together.
+def tell_share(results: Results, speed: float, rule: str, rival: str, setting: Setting) -> str:
+    """Share of time in STOP, and in brackets as a multiple of the rival's."""
+    share = results.share(speed, rule, setting)
+    if not np.isfinite(share):
+        return percent(share)
+    return f"{percent(share)} ({multiple(results.ratio(speed, rule, rival, setting))})"
 
-    Args:
-        results: What was found.
-        scope: Settings that were compared.
-        rules: All beside clean data, or all beside data as they come; the first is the rival.
-    """
+
+def _tabulate(
+    results: Results, rules: tuple[str, ...], settings: list[Setting], *, has_lost: bool
+) -> list[str]:
+    columns = [(speed, setting) for speed in results.speeds for setting in settings]
+    heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x.reaction)}" for speed, x in columns)]
+    rival = next(rule for rule in rules if rule.startswith(SEPARATION))
     rows = []
-    for speed in results.speeds:
-        for setting in scope.settings():
-            if setting.reaction != scope.reactions[0]:
-                continue
-            clean, raw = (
-                results.total("ticks", speed, OPERATING + x, setting) for x in ("", AS_THEY_COME)
-            )
-            row = [f"{speed:g} rad/s", setting.bounds, percent(1.0 - clean / raw)]
-            row.append(milliseconds(setting.camera))
-            for rule in rules:
-                ratio = results.ratio(speed, rule, rules[0], setting)
-                row.append(f"{percent(results.share(speed, rule, setting))} ({multiple(ratio)})")
-            row += [percent(results.lost(speed, rule, setting, "obeys")) for rule in rules]
-            rows.append(row)
-    names = [rule.replace(AS_THEY_COME, "") for rule in rules]
-    heads = ["speed", "bounds on people", "broken", "age of samples"]
+    for rule in rules:
+        row = [rule.replace(AS_THEY_COME, "")]
+        for speed, setting in columns:
+            lost = f", {percent(results.lost(speed, rule, setting, 'obeys'))}" if has_lost else ""
+            row.append(tell_share(results, speed, rule, rival, setting) + lost)
+        rows.append(row)
+    return make_table(heads, rows)
+
+
+def write_costs(results: Results, scope: Scope) -> list[str]:
+    """Time in STOP and work lost by data, speed, bounds and age; all places together."""
+    names = [rule.replace(AS_THEY_COME, "") for rule in MAIN_RAW]
+    rows = []
+    for data, suffix in (("clean", ""), ("as they come", AS_THEY_COME)):
+        rules = list(MAIN_RAW) if suffix else names
+        for speed in results.speeds:
+            for setting in scope.settings():
+                if setting.reaction != scope.reactions[0]:
+                    continue
+                clean, raw = (
+                    results.total("ticks", speed, OPERATING + x, setting)
+                    for x in ("", AS_THEY_COME)
+                )
+                row = [data, f"{speed:g} rad/s", setting.bounds, percent(1.0 - clean / raw)]
+                row.append(milliseconds(setting.camera))
+                row += [tell_share(results, speed, rule, rules[0], setting) for rule in rules]
+                row += [percent(results.lost(speed, rule, setting, "obeys")) for rule in rules]
+                rows.append(row)
+    heads = ["data", "speed", "bounds on people", "broken", "age of samples"]
     heads += [f"in STOP: {names[0]}", *names[1:], f"work lost: {names[0]}", *names[1:]]
-    return [*make_table(heads, rows), ""]
+    return make_table(heads, rows)
 
 
 def _find_missed(results: Results, rule: str, setting: Setting) -> list[int]:

@@ -11,13 +11,7 @@ import numpy as np
 from scene.contestants import LIMIT_TARGETS, OPERATING, PIECES, SEPARATION, WITH_LIMITS, Scope
 from scene.example_limits import LIMITS, SOURCE
 from scene.plays import Judged, Obeyed
-from scene.results import (
-    Found,
-    Results,
-    make_table,
-    milliseconds,
-    percent,
-)
+from scene.results import Aim, Found, Results, make_table, milliseconds, multiple, percent
 from scene.stop_rules import Setting
 from scene.touches import Touch
 
@@ -26,33 +20,50 @@ RULES = (SEPARATION, OPERATING, OPERATING + WITH_LIMITS, PIECES, PIECES + WITH_L
 HEADER = Path(__file__).with_name("limited_head.md")
 """What stands above the tables, with places for what a run fills in."""
 
-TOUCHES = (
-    "Every touch of an arm that obeys. It begins where the cover of a moving arm first meets the"
-    " recorded body, which is asked every millisecond. **Speed** is that of the surface there, and"
-    " **fastest** the most until the touch ends. **Depth** is how far the cover enters the"
-    " recorded body, which does not yield. **Pressed** is how far the surface itself moves into"
-    " the body."
-)
 
+def write_limits(results: Results, scope: Scope) -> list[str]:
+    """Lines of that part; none where no rule has limits.
 
-def write_limits(found: Iterable[Found], scope: Scope, rate: float) -> list[str]:
-    """Lines of that part; none where no rule has limits."""
-    found = [one for one in found if one.rule in RULES]
-    results = Results(found, rate)
-    if not any(one.rule.endswith(WITH_LIMITS) for one in found):
+    Args:
+        results: Of `RULES`.
+        scope: Settings that were compared.
+    """
+    if not any(rule.endswith(WITH_LIMITS) for rule in results.rules):
         return []
-    limits = "; ".join(
-        f"{region} {limit.force:g} N ({limit.transient_force:g} N at an impact),"
-        f" {limit.stiffness:g} N/m and {limit.body_mass:g} kg: {limit.max_speed:.2f} m/s"
+    limits = ", ".join(
+        f"{region.replace('_', ' ')} {limit.max_speed:.2f} m/s"
         for region, limit in LIMITS.by_region.items()
     )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
     text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
-    lines = ["## Contact limits", "", text]
-    lines += _shares(results, settings)
-    lines += _aims(results, settings)
-    lines += _causes(results, settings)
-    return lines + _obeying(results, settings)
+    lines = ["## Contact limits", "", text, *_shares(results, settings), ""]
+    touches = [
+        touch
+        for one in results.found
+        if one.rule.endswith(WITH_LIMITS) and isinstance(one.outcome, Obeyed)
+        for touch in one.outcome.touches
+        if touch.is_promised
+    ]
+    beyond = sum(touch.is_beyond for touch in touches)
+    lines += [
+        f"Causes of STOP; costs of obeying; touches ({len(touches)}, {beyond} beyond a limit):",
+        "", *_causes(results, settings), "", *_obeying(results, settings),
+    ]  # fmt: skip
+    return [*lines, ""]
+
+
+def find_aims(results: Results, scope: Scope) -> list[Aim]:
+    """What was aimed at outside blocked time; `results` are of `RULES`."""
+    aims = []
+    for rule, speed, most in LIMIT_TARGETS:
+        each = [
+            _find_ratio(results, rule, speed, scope.usual, recording=name)
+            for name in dict.fromkeys(one.recording for one in results.found)
+        ]
+        name = f"{rule} ÷ {SEPARATION}, outside blocked time"
+        whole = _find_ratio(results, rule, speed, scope.usual)
+        aims.append(Aim(name, scope.usual, speed, most, whole, np.nan, each))
+    return aims
 
 
 def find_open_share(outcomes: Iterable[Judged | Obeyed]) -> float:
@@ -74,13 +85,9 @@ def _columns(
     return [cell for speed in results.speeds for one in settings for cell in write(speed, one)]
 
 
-def _heads(results: Results, settings: list[Setting], *names: str) -> list[str]:
+def _heads(results: Results, settings: list[Setting]) -> list[str]:
     return _columns(
-        results,
-        settings,
-        lambda speed, one: [
-            f"{speed:g} rad/s, {milliseconds(one.reaction)}{name}" for name in names
-        ],
+        results, settings, lambda speed, one: [f"{speed:g} rad/s, {milliseconds(one.reaction)}"]
     )
 
 
@@ -93,72 +100,35 @@ def _shares(results: Results, settings: list[Setting]) -> list[str]:
         return [percent(sum(one.blocked for one in outcomes) / time if time else np.nan)]
 
     rows = [["blocked, of all time", *_columns(results, settings, blocked)]]
-    for rule in results.rules:
+    for rule in (SEPARATION, OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS):
 
         def share(speed: float, setting: Setting, rule: str = rule) -> list[str]:
-            mine, rival = (
-                find_open_share(_outcomes(results, speed, one, setting))
-                for one in (rule, SEPARATION)
-            )
-            ratio = f"{mine / rival:.2f}" if rival > 0.0 else "–"
-            return [f"{percent(mine)} ({ratio})"]
+            mine = find_open_share(_outcomes(results, speed, rule, setting))
+            return [f"{percent(mine)} ({multiple(_find_ratio(results, rule, speed, setting))})"]
 
         rows.append([rule, *_columns(results, settings, share)])
-    text = (
-        "Share of the time outside blocked time in STOP, and in brackets as a multiple of that of"
+    return make_table(["rule", *_heads(results, settings)], rows)
+
+
+def _find_ratio(
+    results: Results, rule: str, speed: float, setting: Setting, **where: object
+) -> float:
+    """Of the shares of STOP outside blocked time; NaN where the separation distance has none."""
+    mine, rival = (
+        find_open_share(one.outcome for one in results.of(speed, each, setting, **where))
+        for each in (rule, SEPARATION)
     )
-    text += f" the {SEPARATION}."
-    return [text, "", *make_table(["rule", *_heads(results, settings, "")], rows), ""]
-
-
-def _aims(results: Results, settings: list[Setting]) -> list[str]:
-    """What was aimed at, and what came of it."""
-    rows = []
-    for rule, speed, most in LIMIT_TARGETS:
-        shares = [
-            find_open_share(_outcomes(results, speed, one, settings[0]))
-            for one in (rule, SEPARATION)
-        ]
-        if shares[1] > 0.0:
-            ratio = shares[0] / shares[1]
-            met = "met" if ratio <= most else "not met"
-            each = _find_ratios(results, rule, speed, settings[0])
-            rows.append(
-                [
-                    f"{rule} ÷ {SEPARATION}", f"{speed:g} rad/s", f"{most:g}", f"{ratio:.2f}", met,
-                    f"{min(each):.2f} to {max(each):.2f}",
-                ]
-            )  # fmt: skip
-    if not rows:
-        return []
-    text = f"What was aimed at, outside blocked time, with {milliseconds(settings[0].reaction)}"
-    text += " of reaction:"
-    heads = ["ratio of time in STOP", "speed", "at most", "found", "aim", "by recording"]
-    return [text, "", *make_table(heads, rows), ""]
-
-
-def _find_ratios(results: Results, rule: str, speed: float, setting: Setting) -> list[float]:
-    """By recording, of those in which the separation distance stops at all."""
-    ratios = []
-    for name in dict.fromkeys(one.recording for one in results.found):
-        mine, rival = (
-            find_open_share(one.outcome for one in results.of(speed, each, setting, recording=name))
-            for each in (rule, SEPARATION)
-        )
-        if rival > 0.0:
-            ratios.append(mine / rival)
-    return ratios
+    return mine / rival if rival > 0.0 else np.nan
 
 
 def _causes(results: Results, settings: list[Setting]) -> list[str]:
     """By cause, the share of the time outside blocked time that rules with limits still stop."""
-    lines = []
+    rows = []
     for rule in (OPERATING + WITH_LIMITS, PIECES + WITH_LIMITS):
         causes: Counter[str] = Counter()
         for one in results.found:
             if one.rule == rule and one.setting in settings and isinstance(one.outcome, Judged):
                 causes += one.outcome.causes
-        rows = []
         for cause, _ in causes.most_common():
 
             def share(
@@ -169,15 +139,8 @@ def _causes(results: Results, settings: list[Setting]) -> list[str]:
                 ticks = sum(one.causes[cause] for one in outcomes if isinstance(one, Judged))
                 return [percent(ticks / time if time else np.nan)]
 
-            rows.append([cause, *_columns(results, settings, share)])
-        if rows:
-            heads = [f"{rule}: stopped by", *_heads(results, settings, "")]
-            lines += [*make_table(heads, rows), ""]
-    if not lines:
-        return []
-    text = "What still stops an arm with limits: the body that could be touched first, or what else"
-    text += " it is. A STOP is held for a while after its cause is over."
-    return [text, "", *lines]
+            rows.append([rule, cause, *_columns(results, settings, share)])
+    return make_table(["rule", "stopped by", *_heads(results, settings)], rows)
 
 
 def _obeying(results: Results, settings: list[Setting]) -> list[str]:
@@ -217,16 +180,12 @@ def _obeying(results: Results, settings: list[Setting]) -> list[str]:
                             str(sum(results.total(x, *what) for x in ("hidden", "beyond"))),
                         ]
                     )  # fmt: skip
-    if not rows:
-        return []
     heads = [
         "rule", "speed", "reaction", "in STOP outside blocked time", "blocked",
         "stops a minute", "work lost", "touches permitted", "contacts beyond a limit",
         "with a body that broke its bounds",
     ]  # fmt: skip
-    lines = ["What obeying costs. Without contact limits each contact is beyond a limit.", ""]
-    lines += [*make_table(heads, rows), "", TOUCHES, ""]
-    return [*lines, *_list_touches(touched), ""]
+    return [*make_table(heads, rows), "", *_list_touches(touched)]
 
 
 def _list_touches(touched: list[tuple[tuple[object, ...], Found, Touch]]) -> list[str]:
@@ -245,7 +204,8 @@ def _list_touches(touched: list[tuple[tuple[object, ...], Found, Touch]]) -> lis
             ]
         )  # fmt: skip
     heads = [
-        "rule", "speed of joints", "reaction", "recording", "body", "lasts", "speed", "fastest",
-        "limit", "depth", "pressed", "limit kept",
+        "rule", "speed of joints", "reaction", "recording", "body", "lasts",
+        "speed of the surface", "fastest", "limit", "depth of the cover",
+        "way of the surface into the body", "limit kept",
     ]  # fmt: skip
-    return make_table(heads, rows) if rows else ["There was none."]
+    return make_table(heads, rows) if rows else ["Nothing was touched."]

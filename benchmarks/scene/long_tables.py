@@ -1,4 +1,4 @@
-"""Moves long tables of a page into CSV files beside it, so that the page can be read."""
+"""Moves large tables of a page into CSV files beside it, so that the page can be read."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import io
 import re
 from pathlib import Path
 
-MOST_ROWS = 12
+MOST_ROWS, MOST_COLUMNS = 12, 9
 """Of a table that stays on its page."""
 
 
 def write_with_tables(page: str, out: Path) -> None:
-    """Write a page, and its long tables as CSV files into a folder of its name.
+    """Write a page, and its large tables as CSV files into a folder of its name.
 
     Args:
         page: In Markdown.
@@ -28,7 +28,7 @@ def write_with_tables(page: str, out: Path) -> None:
 
 
 def split_tables(page: str, folder: str) -> tuple[str, dict[str, str]]:
-    """The page with links in place of long tables, and these as CSV by their names.
+    """The page with links in place of large tables, and these as CSV by their names.
 
     Args:
         page: In Markdown.
@@ -42,11 +42,11 @@ def split_tables(page: str, folder: str) -> tuple[str, dict[str, str]]:
         if line.startswith("|"):
             table.append(line)
             continue
-        if len(table) > MOST_ROWS + 2:
+        if len(table) > MOST_ROWS + 2 or (table and len(_split(table[0])) > MOST_COLUMNS):
             number = sum(one.startswith(name) for one in tables) + 1
             file = f"{name}.csv" if number == 1 else f"{name}-{number}.csv"
             tables[file] = _write_csv(table)
-            lines.append(f"[{file}]({folder}/{file}) has the table, of {len(table) - 2} rows.")
+            lines.append(f"[{file}]({folder}/{file}): {len(table) - 2} rows.")
         else:
             lines += table
         table = []
@@ -60,6 +60,9 @@ def _write_csv(table: list[str]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for line in (table[0], *table[2:]):
-        cells = re.split(r"(?<!\\)\|", line.strip().strip("|"))
-        writer.writerow(re.sub(r"[*`]", "", cell).strip() for cell in cells)
+        writer.writerow(re.sub(r"[*`]", "", cell).strip() for cell in _split(line))
     return text.getvalue()
+
+
+def _split(line: str) -> list[str]:
+    return re.split(r"(?<!\\)\|", line.strip().strip("|"))

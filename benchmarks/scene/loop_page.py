@@ -10,6 +10,7 @@ import numpy as np
 
 from scene.results import make_table, milliseconds, percent
 from scene.shielded import Following, Shielded
+from scene.simulated_arm import NEAR
 from scene.stop_rules import Setting
 
 HEADER = Path(__file__).with_name("loop_head.md")
@@ -73,7 +74,9 @@ def write_page(rows: list[Row], period: float, **facts: object) -> str:
         off=sum(row.steps_off for row in shown), steps=f"{len(prices):,}", lost=", ".join(lost),
         p50=f"{p50:.2f}", p99=f"{p99:.2f}", rate=1.0 / period, **facts,
     )  # fmt: skip
-    parts = [head, "## Beside people", "", *_table(shown, period), ""]
+    text = "Premise broken: the body was hidden, or had broken its bounds in the last half second."
+    text += f" Distances count up to {1e3 * NEAR:g} mm. Rests and hardest stops are a minute."
+    parts = [head, "## Beside people", "", text, "", *_table(shown, period), ""]
     parts += ["## Shown nobody", "", *_table_of_blind(blind, period), ""]
     contacts = [(row, contact) for row in shown for contact in row.played.contacts]
     if contacts:

@@ -1,4 +1,4 @@
-"""The part of the page on data as they come: what stops an arm then, and what each rule misses."""
+"""Tables on data as they come: what stops an arm then, and what each rule misses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from scene.contestants import (
     TETHERED,
     Scope,
 )
-from scene.headline import write_costs
 from scene.plays import Judged
 from scene.results import Results, make_table, milliseconds, multiple, percent
 from scene.stop_rules import FAULTS, HELD, Setting
@@ -31,50 +30,18 @@ TETHERS = {
 }
 """Rules by how the person's limbs are tied to each other."""
 
-TEXT = (
-    "Nothing is left out here: swapped markers, gaps and broken bounds reach every rule. The"
-    f" {SEPARATION} believes all of it, and lets a hidden body walk from where it was last seen; a"
-    " second one leaves hidden bodies out, as is often done. In brackets: as a multiple of the"
-    " first one. **Tethered**: the monitor knows that a forearm has a length, so a hand that is not"
-    " seen is near its elbow ([tethers](obstacles.md#tethers)). Lengths are published ones, means"
-    " plus four standard deviations; no clean sample of these people is longer. **Measured** are"
-    " the longest clean samples of the person."
-)
-
 CAUSES = (
-    "What operating limits stop for, as shares of all time that add up to the time in STOP. A"
-    " verdict names the fault of the data without which its level would be higher: bounds that are"
-    " wider since a body broke them, a refused sample that may be true, a body that was hidden for"
-    " longer than usual, data that are late. Where it names several, the first one counts."
-    " **Plain** is a STOP without such a fault. One that is held counts with what began it. All"
-    " speeds together."
-)
-
-MISSED = (
-    "What was missed, as ticks of an arm that goes on, and as contacts of one that obeys, by what"
-    " was known of the body: **missed** of one in view that had kept its bounds, **hidden** of one"
-    " whose way is drawn straight through a gap, **beyond** of one that had broken its bounds."
-    " All speeds, places and ages together. Nothing asks pieces in this way, but for contacts."
+    "What operating limits stop for, data as they come: the first fault without which the level"
+    " would be higher. **Plain**: no fault."
 )
 
 
-def write_raw(results: Results, scope: Scope) -> list[str]:
-    """Lines of that part."""
-    lines = ["## Data as they come", "", TEXT, "", *write_costs(results, scope, MAIN_RAW)]
-    lines += [CAUSES, "", *_write_causes(results, scope)]
-    return [*lines, MISSED, "", *_write_missed(results, scope)]
-
-
-def _settings(scope: Scope) -> list[Setting]:
-    return [one for one in scope.settings() if one.reaction == scope.reactions[0]]
-
-
-def _write_causes(results: Results, scope: Scope) -> list[str]:
+def write_causes(results: Results, scope: Scope) -> list[str]:
     """By setting and tethers, and in the usual one and that nearest to a real cell by place."""
     rows = []
     for setting in _settings(scope):
         for tethers, rule in TETHERS.items():
-            name = [*_name(setting), tethers]
+            name = [setting.bounds, milliseconds(setting.camera), tethers]
             rows.append([*name, "all", *_find_causes(results, rule, setting)])
             if setting not in (scope.usual, scope.real):
                 continue
@@ -83,7 +50,11 @@ def _write_causes(results: Results, scope: Scope) -> list[str]:
                 rows.append([*name, f"{place + 1}", *cells])
     heads = ["bounds on people", "age of samples", "tethers", "place"]
     heads += [SEPARATION, f"{SEPARATION}, no hidden"]
-    return [*make_table([*heads, f"{OPERATING} (multiple)", INSIDE, *FAULTS, HELD], rows), ""]
+    return make_table([*heads, f"{OPERATING} (multiple)", INSIDE, *FAULTS, HELD], rows)
+
+
+def _settings(scope: Scope) -> list[Setting]:
+    return [one for one in scope.settings() if one.reaction == scope.reactions[0]]
 
 
 def _find_causes(results: Results, rule: str, setting: Setting, **where: object) -> list[str]:
@@ -104,7 +75,7 @@ def _find_causes(results: Results, rule: str, setting: Setting, **where: object)
     ]
 
 
-def _write_missed(results: Results, scope: Scope) -> list[str]:
+def write_missed_raw(results: Results, scope: Scope) -> list[str]:
     """By rule and bounds: which samples count as broken depends on these."""
     rows = []
     fields = ("missed", "hidden", "beyond")
@@ -116,7 +87,7 @@ def _write_missed(results: Results, scope: Scope) -> list[str]:
             cells = [str(x) for x in ticks] if ticks[0] else ["–"] * 4
             rows.append([rule, bounds, *cells, *map(str, contacts)])
     heads = ["rule", "bounds on people", "ticks that needed a STOP", "missed", "hidden", "beyond"]
-    return [*make_table([*heads, "contacts: missed", "hidden", "beyond"], rows), ""]
+    return make_table([*heads, "contacts: missed", "hidden", "beyond"], rows)
 
 
 def _add(
@@ -124,7 +95,3 @@ def _add(
 ) -> list[int]:
     """Counts over settings, at all speeds and places."""
     return [sum(results.total(x, None, rule, one, *how) for one in settings) for x in fields]
-
-
-def _name(setting: Setting) -> list[str]:
-    return [setting.bounds, milliseconds(setting.camera)]

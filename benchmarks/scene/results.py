@@ -122,6 +122,41 @@ class Results:
         )
 
 
+class Aim(NamedTuple):
+    """What the ratio of times in STOP of two rules was to be at most, and what it is."""
+
+    name: str
+    setting: Setting
+    speed: float
+    """Of the fastest joint, in [rad]/[s]."""
+    most: float
+    found: float
+    """NaN where there is nothing to compare."""
+    least: float
+    """What any sound rule could have; NaN where nothing says so."""
+    each: list[float]
+    """By recording; NaN where the rival never stops."""
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it is no more than it was to be."""
+        return self.found <= self.most
+
+    @property
+    def spread(self) -> str:
+        """The least and the most of all recordings."""
+        known = [ratio for ratio in self.each if np.isfinite(ratio)]
+        return f"{min(known):.2f} to {max(known):.2f}"
+
+    def list_cells(self) -> list[str]:
+        """Its row of a table."""
+        return [
+            self.name, self.setting.bounds, milliseconds(self.setting.reaction),
+            f"{self.speed:g} rad/s", f"{self.most:g}", f"{self.found:.2f}",
+            "met" if self.is_met else "not met", multiple(self.least), self.spread,
+        ]  # fmt: skip
+
+
 def _find_key(rule: str, setting: Setting) -> Setting:
     """What is alike for a rule: the future depends on neither camera nor bounds."""
     return setting._replace(camera=0.0, bounds="") if rule.startswith(ORACLE) else setting

@@ -114,27 +114,37 @@ def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) 
             machine=machine,
         )
     ]  # fmt: skip
-    title = f"## {usual.bounds}, samples {milliseconds(usual.camera)} old,"
-    parts += [f"{title} {milliseconds(usual.reaction)} of reaction", ""]
-    heads = _head(found)
-    parts += [*make_table(heads, _rows(found, usual)), "", "## All settings", ""]
+    parts += [f"## {usual.bounds}, samples {milliseconds(usual.camera)} old", "", *_short(found)]
+    text = "Rests, hardest stops and reversals (of 5 % of the top speed or more) are a minute."
+    text += " Beyond: with bodies that had broken their bounds."
+    parts += ["", "## All settings", "", text]
+    heads = ["bounds on people", "sample age", "reaction", "how the arm is moved"]
+    for speed in found.speeds:
+        heads += [f"work lost, {speed:g} rad/s", "rests", "hardest stops", "reversals"]
+        heads += ["jerk ÷ limit", "contacts, beyond"]
     every = [
         [setting.bounds, milliseconds(setting.camera), milliseconds(setting.reaction), *row]
         for setting in found.settings
         for row in _rows(found, setting)
     ]
-    parts += [*make_table(["bounds on people", "sample age", "reaction", *heads], every), ""]
-    parts += _limits(found)
+    parts += ["", *make_table(heads, every), "", *_limits(found)]
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _head(found: Rows) -> list[str]:
+def _short(found: Rows) -> list[str]:
+    """Work lost and hardest stops in the usual setting."""
     heads = ["how the arm is moved"]
     for speed in found.speeds:
-        at = f"{speed:g} rad/s"
-        heads += [f"work lost, {at}", "rests", "hardest stops", "reversals", "jerk ÷ limit"]
-        heads += ["contacts, beyond"]
-    return heads
+        heads += [f"work lost, {speed:g} rad/s", "hardest stops"]
+    rows = []
+    for name in found.names:
+        cells = [name]
+        for speed in found.speeds:
+            what = speed, name, found.settings[0]
+            often = found.per_minute("hard_stops", *what)
+            cells += [percent(found.lost(*what)), "–" if np.isnan(often) else f"{often:.0f}"]
+        rows.append(cells)
+    return make_table(heads, rows)
 
 
 def _rows(found: Rows, setting: Setting) -> list[list[str]]:
@@ -170,6 +180,7 @@ def _limits(found: Rows) -> list[str]:
         heads += [f"{speed:g} rad/s: lost without", "with", "rests without", "with"]
         heads += ["touches", "beyond a limit"]
     rows = []
+    promised: list[Touch] = []
     for setting in found.settings:
         cells = [setting.bounds, milliseconds(setting.camera), milliseconds(setting.reaction)]
         for speed in found.speeds:
@@ -185,11 +196,11 @@ def _limits(found: Rows) -> list[str]:
                 for touch in row.outcome.touches
                 if touch.is_promised
             ]
+            promised += touches
             cells += [str(len(touches)), str(sum(touch.is_beyond for touch in touches))]
         rows.append(cells)
-    text = (
-        "Work lost outside blocked time, the time in which the recorded body is inside the arm's"
-        " cover; rests a minute. Recorded bodies do not yield, so an arm that may touch them goes"
-        " on through them: what it would gain from people who give way is not shown here."
-    )
+    beyond = sum(touch.is_beyond for touch in promised)
+    text = f"Shields with contact limits touched people {len(promised)} times in all settings,"
+    text += f" {beyond} times beyond a limit. Work lost and rests are of the time in which no body"
+    text += " is inside the arm's cover. Recorded bodies do not yield, as people may."
     return ["## With contact limits", "", text, "", *make_table(heads, rows)]

@@ -1,4 +1,4 @@
-"""Long tables of pages that benchmarks write are files beside them, with nothing lost."""
+"""Large tables of pages that benchmarks write are files beside them, with nothing lost."""
 
 import csv
 
@@ -36,6 +36,13 @@ def test_a_long_table_is_a_file_that_the_page_names(tables, tmp_path):
         head, *found = csv.reader(file)
     assert head == ["rule", "share,", "a\\|b"]
     assert found == [[f"rule {k}", f"{k}.5 %, {k}", "x"] for k in range(rows)]
+
+
+def test_a_wide_table_is_a_file_as_well(tables):
+    for columns in (tables.MOST_COLUMNS, tables.MOST_COLUMNS + 1):
+        line = f"| {' | '.join(['a'] * columns)} |"
+        _, found = tables.split_tables(f"{line}\n{line}\n{line}\n", "page")
+        assert bool(found) == (columns > tables.MOST_COLUMNS)
 
 
 @pytest.mark.parametrize("count", [2, 3])

@@ -9,9 +9,9 @@ from armguard.app.processes import COMPLAINT, complain
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.lab.extremes.evaluations import Evaluations, list_evaluations
-from armguard.lab.extremes.report import UNSOUND, Line, summarise, write_page
+from armguard.lab.extremes.report import HEADS, UNSOUND, Line, list_rows, summarise, write_page
 from armguard.lab.extremes.ticks import Case, list_cases
-from armguard.lab.pages import check_page, write_files
+from armguard.lab.pages import check_page, name_table, write_csv, write_files
 from armguard.lab.study_facts import Tell, list_facts, show_progress, tell_command
 
 
@@ -40,11 +40,13 @@ def run(wishes: cli.Extremes) -> int:
     if not lines:
         raise KeyboardInterrupt
     facts = [f"{name.capitalize()}: {fact}" for name, fact in list_facts(seed).items()]
-    page = write_page(lines, tell_command(), facts, is_whole=is_whole)
+    table = "" if out is None else name_table(out).name
+    page = write_page(lines, tell_command(), facts, is_whole=is_whole, table=table)
     if out is None:
         sys.stdout.write(page)
     else:
-        write_files(out.parent, {out.name: page.encode()})
+        files = {out.name: page.encode(), table: write_csv(HEADS, list_rows(lines))}
+        write_files(out.parent, files)
         sys.stdout.write(f"{summarise(lines)}\nwrote {out}\n")
     print_json(lambda: {"is_whole": is_whole, "lines": lines, "facts": facts, "wrote": out})
     if any(line.outcome == UNSOUND for line in lines):

@@ -12,7 +12,7 @@ import numpy as np
 
 from armguard.contact import earliest_contact_pair
 from armguard.lab.extremes.exact import Course, FreePair, HeadOn
-from armguard.lab.extremes.report import SOUND, UNSOUND, Line
+from armguard.lab.extremes.report import EXACT, SOUND, UNSOUND, Line
 
 DECADES = (-6, -3, 0, 3, 6)
 LATEST = 1e9
@@ -119,7 +119,7 @@ def _measure(group: str, name: str, cases: list[Case]) -> Line:
     begin = time.thread_time()
     earliest_contact_pair(**many)
     price = 1e6 * (time.thread_time() - begin) / (REPEATS * len(cases))
-    note = f"{len(cases)} cases against exact arithmetic"
+    note = f"{len(cases)} cases {EXACT}"
     if unsound:
         note = f"{unsound} of {note}"
     return Line(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import statistics
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from armguard.lab.pages import UNKNOWN, list_lines, write_table
+from armguard.lab.pages import UNKNOWN, write_table
 
 SOUND, UNSOUND, REFUSED = "sound", "UNSOUND", "refused"
 """What became of a case."""
@@ -30,22 +31,31 @@ class Line(NamedTuple):
     """Against what, or why refused."""
 
 
-HEADS, WORDS = ("case", "outcome", "tight", "worst", "price, µs", ""), (0, 1, 5)
-"""Of the table, and which of its columns are of words."""
+EXACT = "against exact arithmetic"
+"""Note on what single evaluations are compared with."""
+
+HEADS = ("group", "case", "outcome", "tight", "worst", "price, µs", "note")
+"""Of the table of all cases."""
 
 HEAD = """# At the extremes
 
-{summary} `{command}` wrote this page.
+- **{summary}**
+- **{evaluation_tight}** of the exact contact time is the worst answer of a single evaluation; a tick's answer has **{tick_tight}** of an adversary's contact time in the median of cases, and {tick_worst} at worst.
+- **{evaluation_price} µs** at most for an evaluation, **{tick_price} µs** for a tick.
 
-- **Sound**: no contact time is later than a contact that is possible. Single evaluations are compared with exact rational arithmetic. Whole ticks are compared with an adversary: an arm and a ball that run at each other within their bounds.
-- **Tight**: contact time over that contact, in the median and in the worst case of the line. The adversary is not the best one, and knows the true surface, not the cover. So a lower figure does not prove that an answer is loose.
-- **Price**: processor time of one evaluation, or of one tick after the first.
-- **Refused**: by an error, or by a STOP, with its reason.
+![Contact time falls while a ball approaches; when it reaches the stop time the level is STOP](pictures/levels.svg)
+
+Each case has a quantity far from everyday numbers. A case is *sound* if no contact time is later than a contact that is possible. Single evaluations are compared with exact rational arithmetic. Whole ticks are compared with an adversary: an arm and a ball that run at each other within their bounds. *Tight* is the contact time over that contact. The adversary is not the best one, and knows the true surface, not the cover, so a lower figure does not prove that an answer is loose. *Price* is processor time, of a tick after the first. *Refused* is by an error or a STOP. `{command}` made this page. {facts}.
 """  # noqa: E501  # a paragraph of Markdown is one line
 
 
 def write_page(
-    lines: Sequence[Line], command: str, facts: Sequence[str], *, is_whole: bool = True
+    lines: Sequence[Line],
+    command: str,
+    facts: Sequence[str],
+    *,
+    is_whole: bool = True,
+    table: str = "",
 ) -> str:
     """The whole page.
 
@@ -54,15 +64,64 @@ def write_page(
         command: What was called.
         facts: Machine, versions and seed.
         is_whole: Whether no line is missing.
+        table: Name of the file that has all cases; "": the page has them.
     """
-    text = HEAD.format(command=command, summary=summarise(lines))
+    evaluations = [line for line in lines if line.note.endswith(EXACT)]
+    ticks = [line for line in lines if not line.note.endswith(EXACT)]
+    tights = [line.worst for line in ticks if math.isfinite(line.worst)]
+    text = HEAD.format(
+        command=command, summary=summarise(lines), facts=". ".join(facts),
+        evaluation_tight=_share(_find_least(evaluations)), tick_worst=_share(_find_least(ticks)),
+        tick_tight=_share(statistics.median(tights) if tights else math.nan),
+        evaluation_price=_price(evaluations), tick_price=_price(ticks),
+    )  # fmt: skip
     if not is_whole:
         text += "\nInterrupted: what is missing had not begun.\n"
-    for group in dict.fromkeys(line.group for line in lines):
-        text += f"\n## {group.capitalize()}\n\n"
-        rows = [_list_cells(line) for line in lines if line.group == group]
-        text += "\n".join(write_table(HEADS, rows, WORDS)) + "\n"
-    return f"{text}\n{list_lines(facts)}"
+    refused = [line for line in lines if line.outcome == REFUSED]
+    if refused:
+        rows = [[line.group, line.case, line.note.partition(" (")[0]] for line in refused]
+        text += "\n## Refused\n\n" + _tabulate(("group", "case", "reason"), rows, (0, 1, 2))
+    heads = ("group", "cases", "sound", "tight at worst", "price, µs")
+    for title, some in (("Single evaluations", evaluations), ("Whole ticks", ticks)):
+        if some:
+            groups = dict.fromkeys(line.group for line in some)
+            rows = [_sum_up([line for line in some if line.group == group]) for group in groups]
+            text += f"\n## {title}\n\n" + _tabulate(heads, rows)
+    if table:
+        return f"{text}\n[{table}]({table}) has all cases.\n"
+    return f"{text}\n## All cases\n\n" + _tabulate(HEADS, list_rows(lines), (0, 1, 2, 6))
+
+
+def list_rows(lines: Iterable[Line]) -> list[list[str]]:
+    """The table of all cases, whose heads are `HEADS`."""
+    return [
+        [line.group, line.case, line.outcome, _share(line.tight), _share(line.worst),
+         _price([line]), line.note]
+        for line in lines
+    ]  # fmt: skip
+
+
+def _tabulate(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], words: Collection[int] = (0,)
+) -> str:
+    return "\n".join(write_table(heads, rows, words)) + "\n"
+
+
+def _sum_up(lines: list[Line]) -> list[str]:
+    """The row of a group."""
+    sound = sum(line.outcome == SOUND for line in lines)
+    least = _share(_find_least(lines))
+    return [lines[0].group, f"{len(lines)}", f"{sound}", least, _price(lines)]
+
+
+def _find_least(lines: Iterable[Line]) -> float:
+    return min((line.worst for line in lines if math.isfinite(line.worst)), default=math.nan)
+
+
+def _price(lines: Iterable[Line]) -> str:
+    """The greatest."""
+    prices = [line.price for line in lines if math.isfinite(line.price)]
+    return f"{max(prices):.3g}" if prices else UNKNOWN
 
 
 def summarise(lines: Sequence[Line]) -> str:
@@ -72,11 +131,6 @@ def summarise(lines: Sequence[Line]) -> str:
     text = f"{len(lines)} cases: {len(lines) - refused - len(unsound)} sound, {refused} refused, "
     text += f"{len(unsound)} unsound."
     return f"{text} UNSOUND: {', '.join(unsound)}." if unsound else text
-
-
-def _list_cells(line: Line) -> list[str]:
-    price = f"{line.price:.3g}" if math.isfinite(line.price) else UNKNOWN
-    return [line.case, line.outcome, _share(line.tight), _share(line.worst), price, line.note]
 
 
 def _share(value: float) -> str:

@@ -8,8 +8,14 @@ from pathlib import Path
 from armguard.app.terminal import make_console, print_json
 from armguard.lab.faults.campaign import run_campaign
 from armguard.lab.faults.catalogue import choose_faults
-from armguard.lab.faults.report import describe, draw_table, write_page
-from armguard.lab.pages import check_page, write_files
+from armguard.lab.faults.report import (
+    COLUMNS,
+    describe,
+    draw_table,
+    list_cells,
+    write_page,
+)
+from armguard.lab.pages import check_page, name_table, write_csv, write_files
 from armguard.lab.study_facts import show_progress
 from armguard.recording.recorder import check_installed
 
@@ -39,7 +45,9 @@ def run_faults(only: Sequence[str], out: Path | None) -> int:
     with show_progress() as tell:
         report = run_campaign(faults, tell)
     if out is not None:
-        write_files(out.parent, {out.name: write_page(report).encode()})
+        table = name_table(out).name
+        rows = write_csv(COLUMNS, map(list_cells, report.outcomes))
+        write_files(out.parent, {out.name: write_page(report, table).encode(), table: rows})
     make_console().print(draw_table(report))
     print_json(lambda: describe(report))
     return 0 if report.passed else FAILED

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,34 @@ COLUMNS = (
     "control",
     "contacts",
 )
+
+GROUP_COLUMNS = (
+    "fault",
+    "number",
+    "to be detected",
+    "detected at most [ms]",
+    "verdicts",
+    "recovered at most [ms]",
+    "closest [mm]",
+    "contacts",
+)
+
+GROUPS = {
+    "set": "values not finite",
+    "drop": "messages dropped",
+    "late": "messages late or out of order",
+    "delay": "messages late or out of order",
+    "swap": "messages late or out of order",
+    "repeat": "messages late or out of order",
+    "clock": "wrong clocks",
+    "drift": "wrong clocks",
+    "crowd": "overload",
+    "flood": "overload",
+}
+"""Of disturbances, by kind."""
+
+OTHERS, PROCESSES = "wrong content", "processes and disks"
+"""Groups of all other disturbances, and of what strikes no stream."""
 
 PAGE = Path(__file__).with_name("page.md")
 """The page, with places for what was found."""
@@ -65,54 +94,90 @@ def list_cells(outcome: Outcome) -> list[str]:
 
 def draw_table(report: CampaignReport) -> Table:
     """The table for a terminal; what is not as it must be stands out."""
-    table = Table(*COLUMNS, title="faults", caption=summarise(report))
+    table = Table(
+        *COLUMNS, title="faults", caption=" ".join(list_findings(report)).replace("**", "")
+    )
     for outcome in report.outcomes:
         cells = [cell.replace("**", "") for cell in list_cells(outcome)]
         table.add_row(*cells, style="red" if outcome.problem else None)
     return table
 
 
-def write_page(report: CampaignReport) -> str:
-    """The page for docs/faults.md."""
-    rows = [list_cells(outcome) for outcome in report.outcomes]
+def write_page(report: CampaignReport, table: str) -> str:
+    """The page for docs/faults.md; `table` names the file with a row a fault."""
     replays = [
-        f"- a recording of {one.compared} verdicts"
+        f"- a recording of {one.compared:,} verdicts"
         + (", whose writer was killed, reads up to there and" if one.cut_off else "")
         + (" replays bit-identically" if one.identical else " **does not replay identically**")
         + (f", with {one.lost} events lost" if one.lost else ", nothing lost")
         for one in report.replayed
     ]
-    machine = "; ".join(list_facts().values())
-    setting = (
-        f"{len(report.outcomes)} faults in {report.duration / 60.0:.1f} minutes at 1 kHz on "
-        f"{machine}. In the cell file: latency {1e3 * LATENCY:.0f} ms, joint_timeout "
-        f"{1e3 * JOINT_TIMEOUT:.0f} ms, timeout of the camera {1e3 * SOURCE_TIMEOUT:.0f} ms."
-    )
+    named = list(dict.fromkeys(_name_group(outcome) for outcome in report.outcomes))
+    groups = [[one for one in report.outcomes if _name_group(one) == name] for name in named]
     return PAGE.read_text(encoding="utf-8").format(
-        summary=f"{summarise(report)} {setting}",
-        table="\n".join(write_table(COLUMNS, rows, range(len(COLUMNS)))),
+        summary="\n".join(f"- {line}" for line in list_findings(report)),
+        count=len(report.outcomes),
+        minutes=f"{report.duration / 60.0:.1f}",
+        machine="; ".join(list_facts().values()),
+        latency=1e3 * LATENCY,
+        joint_timeout=1e3 * JOINT_TIMEOUT,
+        source_timeout=1e3 * SOURCE_TIMEOUT,
+        groups="\n".join(write_table(GROUP_COLUMNS, map(_sum_up, groups))),
         replays="\n".join(replays),
         patience=PATIENCE,
+        table=table,
     )
 
 
-def summarise(report: CampaignReport) -> str:
-    """The result in a sentence or two."""
+def _name_group(outcome: Outcome) -> str:
+    fault = outcome.fault
+    return PROCESSES if fault.act != "disturb" else GROUPS.get(fault.kind, OTHERS)
+
+
+def _sum_up(outcomes: list[Outcome]) -> list[str]:
+    """The row of a group."""
+    tried = [one for one in outcomes if one.was_tried]
+    needed = [one for one in tried if one.fault.signs]
+    distance = min((one.obeying.distance for one in tried), default=math.inf)
+    return [
+        _name_group(outcomes[0]),
+        f"{len(outcomes)}",
+        f"{len(needed)}",
+        _tell_most([one.detected for one in needed]),
+        ", ".join(f"{n} {level}" for level, n in Counter(x.level for x in needed).most_common()),
+        _tell_most([one.recovered for one in tried]),
+        f"{1e3 * distance:.0f}" if math.isfinite(distance) else "stood",
+        f"{sum(one.obeying.contacts for one in outcomes)}",
+    ]
+
+
+def _tell_most(times: list[float | None]) -> str:
+    """The longest in [ms]; one that never came stands out."""
+    known = [time for time in times if time is not None]
+    if len(known) < len(times):
+        return "**no**"
+    return _tell_milliseconds(max(known, default=None), "–")
+
+
+def list_findings(report: CampaignReport) -> list[str]:
+    """The result, a line each."""
     problems = [f"{one.fault.name}: {one.problem}" for one in report.outcomes if one.problem]
     problems += [f"{one.name}: another verdict" for one in report.replayed if not one.identical]
     tried = [outcome for outcome in report.outcomes if outcome.was_tried]
     untried = [outcome.fault.name for outcome in report.outcomes if not outcome.was_tried]
     hit = sum(outcome.ignoring.contacts > 0 for outcome in tried)
-    distance = 1e3 * report.whole.distance
-    told = (
-        f"{report.whole.contacts} contacts of the arm that obeys. It moved "
-        f"{100.0 * report.whole.moving:.0f} % of the time and came no nearer than "
-        f"{distance:.0f} mm while it did. The control, an arm that ignores verdicts, was hit in "
-        f"{hit} of {len(tried)} faults."
-    )
+    lines = [
+        f"**{report.whole.contacts} contacts** of the arm that obeys, in {len(report.outcomes)}"
+        " faults.",
+        f"**{1e3 * report.whole.distance:.0f} mm** was its smallest distance while it moved,"
+        f" {100.0 * report.whole.moving:.0f} % of the time.",
+        f"The control, an arm that ignores verdicts, was hit in **{hit} of {len(tried)}** faults.",
+    ]
     if untried:
-        told += f" {UNTRIED.capitalize()}: {', '.join(untried)}."
-    return told + (f" Not as it must be: {'; '.join(problems)}." if problems else "")
+        lines.append(f"{UNTRIED.capitalize()}: {', '.join(untried)}.")
+    if problems:
+        lines.append(f"Not as it must be: {'; '.join(problems)}.")
+    return lines
 
 
 def describe(report: CampaignReport) -> dict[str, Any]:

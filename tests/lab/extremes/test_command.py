@@ -30,7 +30,8 @@ def test_the_page_is_printed_or_written(found, tmp_path, capsys):
     assert "# At the extremes" in capsys.readouterr().out
     assert main(["extremes", "--out", str(tmp_path / "page.md")]) == 0
     assert "1 cases: 1 sound" in capsys.readouterr().out
-    assert "| 1 m | sound |" in (tmp_path / "page.md").read_text()
+    assert "(page.csv)" in (tmp_path / "page.md").read_text()
+    assert "radius,1 m,sound," in (tmp_path / "page.csv").read_text()
 
 
 def test_what_is_unsound_is_an_exit_code(found, capsys):
@@ -39,7 +40,9 @@ def test_what_is_unsound_is_an_exit_code(found, capsys):
     assert "please report it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["--out", "."], ["--out", "no/such/page.md"], ["--seed", "-1"]])
+@pytest.mark.parametrize(
+    "words", [["--out", "."], ["--out", "no/such/page.md"], ["--out", "page.csv"], ["--seed", "-1"]]
+)
 def test_a_mistake_is_one_line(words, found, capsys):
     assert main(["extremes", *words]) == 2
     out, err = capsys.readouterr()

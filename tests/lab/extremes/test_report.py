@@ -1,22 +1,30 @@
 import math
 
-from armguard.lab.extremes.report import REFUSED, SOUND, UNSOUND, Line, summarise, write_page
+from armguard.lab.extremes.report import EXACT, REFUSED, SOUND, UNSOUND, Line, summarise, write_page
 
 LINES = [
-    Line("radius", "1 m", SOUND, 1.0 - 2e-12, 0.5, 0.123456, "10 cases"),
-    Line("radius", "2 m", REFUSED, note="because | of that"),
+    Line("radius", "1 m", SOUND, 1.0 - 2e-12, 0.5, 0.123456, f"10 cases {EXACT}"),
+    Line("radius", "2 m", REFUSED, note="because | of that (it is so)"),
     Line("rate", "1 Hz", SOUND, 1.0, 1.0, 12345.0),
 ]
 
 
-def test_each_case_has_a_row_of_its_group():
+def test_each_case_has_a_row():
     page = write_page(LINES, "armguard extremes", ["Seed: 0"])
-    assert "| 1 m | sound | 1 − 2e-12 | 0.500 | 0.123 | 10 cases |" in page
-    assert "| 2 m | refused | – | – | – | because &#124; of that |" in page
-    assert "| 1 Hz | sound | 1.000 | 1.000 | 1.23e+04 |  |" in page
-    assert page.index("## Radius") < page.index("## Rate")
-    assert page.endswith("- Seed: 0\n")
-    assert "`armguard extremes`" in page
+    assert "| radius | 1 m | sound | 1 − 2e-12 | 0.500 | 0.123 | 10 cases " in page
+    assert "| radius | 2 m | refused | – | – | – | because &#124; of that (it is so) |" in page
+    assert "| rate | 1 Hz | sound | 1.000 | 1.000 | 1.23e+04 |  |" in page
+    assert "`armguard extremes` made this page. Seed: 0.\n" in page
+
+
+def test_a_page_with_a_file_of_cases_has_a_row_a_group_and_what_was_refused():
+    page = write_page(LINES, "armguard extremes", ["Seed: 0"], table="page.csv")
+    assert "[page.csv](page.csv)" in page
+    assert "| radius | 2 m | because &#124; of that |" in page
+    evaluations, ticks = page.split("## Single evaluations")[1].split("## Whole ticks")
+    assert "| radius | 1 | 1 | 0.500 | 0.123 |" in evaluations
+    assert "| radius | 1 | 0 | – | – |" in ticks
+    assert "| rate | 1 | 1 | 1.000 | 1.23e+04 |" in ticks
 
 
 def test_the_summary_counts_and_names_what_is_unsound():

@@ -38,16 +38,21 @@ def test_a_row_says_what_was_found():
     assert covered[1:4] == ["–", "STOP", "none needed"]
 
 
-def test_the_page_has_a_row_a_fault_and_names_what_is_wrong():
-    page = write_page(make(GOOD, BAD))
+def test_the_page_has_a_row_a_group_and_names_what_is_wrong():
+    struck = GOOD._replace(fault=FAULT._replace(act="kill"), recovered=1.0)
+    page = write_page(make(GOOD, BAD, struck), "page.csv")
     rows = [line for line in page.splitlines() if line.startswith("| ")]
-    assert len(rows) == 3
-    assert len({line.count("|") for line in rows}) == 1
+    assert rows[1:] == [
+        "| messages dropped | 2 | 2 | **no** | 2 STOP | 10 | -10 | 2 |",
+        "| processes and disks | 1 | 1 | 300 | 1 STOP | 1000 | 400 | 0 |",
+    ]
+    assert "(page.csv)" in page
     assert "swap: not detected" in page
-    assert "2 faults in 1.5 minutes" in page
-    assert "1000 verdicts replays bit-identically, nothing lost" in page
-    assert "Not as it must be" not in write_page(make(GOOD))
-    torn = write_page(make(GOOD, replayed=REPLAYED._replace(identical=False, cut_off=True)))
+    assert "3 faults in 1.5 minutes" in page
+    assert "1,000 verdicts replays bit-identically, nothing lost" in page
+    assert "Not as it must be" not in write_page(make(GOOD), "page.csv")
+    replayed = REPLAYED._replace(identical=False, cut_off=True)
+    torn = write_page(make(GOOD, replayed=replayed), "page.csv")
     assert "does not replay identically" in torn
     assert draw_table(make(GOOD, BAD)).row_count == 2
 
@@ -59,8 +64,8 @@ def test_what_could_not_be_tried_is_told_apart_from_what_is_wrong():
     assert make(GOOD, untried).passed
     assert not make(untried).passed, "then nothing was shown"
     assert list_cells(untried)[3] == "could not be tried on this machine"
-    page = write_page(make(GOOD, untried))
-    assert "hit in 1 of 1 faults. Could not be tried on this machine: crowd." in page
+    page = write_page(make(GOOD, untried), "page.csv")
+    assert "hit in **1 of 1** faults.\n- Could not be tried on this machine: crowd." in page
     assert "Not as it must be" not in page
 
 
