@@ -40,17 +40,17 @@ class BrakeRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """
 
     load: float
-    """Up to which it holds, in [kg]."""
+    """Up to which the row holds, in [kg]."""
     speed: Amounts
-    """Up to which it holds, in [rad]/[s] or [m]/[s]."""
+    """Up to which the row holds, in [rad/s, m/s]."""
     stopping_time: Amounts | None = None
-    """From the bite of the brakes until the joint rests, at most, in [s]."""
+    """From brakes engaged until rest, at most, in [s]."""
     stopping_distance: Amounts | None = None
-    """How far it goes meanwhile, at most, in [rad] or [m]."""
+    """Way in that time, at most, in [rad, m]."""
     deceleration: Amounts | None = None
-    """Guaranteed at each instant until it rests, in [rad]/[s²] or [m]/[s²]."""
+    """Guaranteed at each instant, in [rad/s², m/s²]."""
     source: str = ""
-    """Where it comes from; empty: where the braking of its joints does."""
+    """Empty: `sources.braking`."""
 
 
 class BrakeEntry(NamedTuple):

@@ -33,33 +33,32 @@ class LimitSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Where each kind of limit comes from; the robot's, or one joint's own where it differs."""
 
     position: str = ""
-    """Of the position limits; needed for every joint that has them."""
+    """Of position limits; needed if there are any."""
     velocity: str = ""
-    """Of the velocity limits; needed for every joint."""
+    """Of velocity limits; needed."""
     acceleration: str = ""
-    """Of the acceleration limits; needed for every joint."""
+    """Of acceleration limits; needed."""
     braking: str = ""
-    """Of the rows of `[[brakes]]` that name no source of their own."""
+    """Of rows of `[[brakes]]` without a `source`."""
 
 
 class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of one watched joint, in [rad] or [m], [s]; `position` is absent if continuous."""
 
     velocity: float
-    """No joint is ever faster, in [rad/s] or [m/s]."""
+    """Never exceeded, in [rad/s, m/s]."""
     acceleration: float
-    """It never speeds up or slows down harder, emergency stops included, in [rad/s²] or [m/s²]."""
+    """Never exceeded, not even by an emergency stop, in [rad/s², m/s²]."""
     braking: float | None = None
-    """Refused by name: a deceleration without the load and speed up to which it holds."""
+    """Refused by name: use `[[brakes]]`."""
     position: tuple[float, float] | None = None
-    """Lowest and highest position, in [rad] or [m]; absent for a continuous joint, and only there.
-    """
+    """Lowest and highest, in [rad, m]; absent only for a continuous joint."""
     position_error: float = 1e-3
-    """What a measured position may be off by, in [rad] or [m]."""
+    """Error of measured positions, in [rad, m]."""
     velocity_error: float = 0.02
-    """What a measured velocity may be off by, in [rad/s] or [m/s]."""
+    """Error of measured velocities, in [rad/s, m/s]."""
     sources: LimitSources = LimitSources()
-    """Where its own limits come from, where `[sources]` says something else."""
+    """Of its own limits, if `[sources]` differs."""
 
 
 class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -70,19 +69,18 @@ class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     position: float | None = None
-    """Where it rests, in [rad] or [m]."""
+    """At which it must stand still, in [rad, m]."""
     travel: tuple[float, float] | None = None
-    """Between where it may be, in [rad] or [m]; at most one turn, and it carries no watched joint.
-    """
+    """Its range, in [rad, m]; at most one turn, and it must carry no watched joint."""
 
 
 class OperatingSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where published operating limits come from."""
 
     velocity: str
-    """Of the operating velocities."""
+    """Of velocities."""
     acceleration: str
-    """Of the operating accelerations."""
+    """Of accelerations."""
 
 
 class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -93,47 +91,43 @@ class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     """
 
     sources: OperatingSources
-    """Where they come from."""
+    """Where these come from."""
     velocity: dict[str, float]
-    """Of every joint of `[joints]`, at most its velocity limit, in [rad/s] or [m/s]."""
+    """At most the velocity limit, in [rad/s, m/s]."""
     acceleration: dict[str, float]
-    """Of every joint, at most its acceleration limit, in [rad/s²] or [m/s²]."""
+    """At most the acceleration limit, in [rad/s², m/s²]."""
 
 
 class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[operating]`: what is known of a robot at work."""
 
     published: OperatingDescription | None = None
-    """What is published of it; counts only for those who ask for it."""
+    """Published operating limits."""
 
 
 class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A parsed and checked robot.toml."""
 
     sources: LimitSources
-    """Where the limits of all joints come from."""
+    """Where limits come from."""
     joints: dict[str, JointDescription]
-    """The watched joints, by their names in the URDF."""
+    """Watched joints, by their names in the URDF."""
     brakes: tuple[BrakeRow, ...] = ()
-    """What is known of their brakes; every joint needs a row."""
+    """Every joint needs a row."""
     title: str = ""
-    """The robot's name for people."""
+    """Name for people."""
     urdf: str = ""
-    """The URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/` of the
-    package example-robot-data; left out where the caller brings it.
-    """
+    """URDF or MJCF, relative to robot.toml or to `robots/` of example-robot-data."""
     package_dirs: tuple[str, ...] = ()
-    """Folders in which `package://` names are looked up, relative to the folder of robot.toml;
-    those around the URDF need not be named.
-    """
+    """Folders for `package://`, relative to robot.toml."""
     locked: dict[str, LockedJoint] = {}
-    """Joints that are not watched, and carry a watched one or are carried by it."""
+    """Unwatched joints before or beyond watched ones."""
     bare_links: tuple[str, ...] = ()
-    """Links that are drawn and move, have no collision geometry, and may go uncovered."""
+    """Moving links without collision geometry that may stay uncovered."""
     collision_from_visual: tuple[str, ...] = ()
-    """Links whose drawn geometry is taken as their collision geometry, of which they have none."""
+    """Links whose drawn geometry serves as collision geometry."""
     operating: OperatingTable = OperatingTable()
-    """What its controller keeps to at work, as far as that is known."""
+    """Controller limits at work."""
 
     @property
     def travelling(self) -> list[str]:
