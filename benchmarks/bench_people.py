@@ -1,9 +1,10 @@
 """How people in recordings move, part by part, and how often that breaks the bounds on them.
 
-    ARMGUARD_RECORDINGS=... python benchmarks/bench_people.py                        # print the
-    tables ARMGUARD_RECORDINGS=... python benchmarks/bench_people.py --page docs/people.md  # put
-    them there python benchmarks/bench_people.py mine-1.csv mine-2.csv                          #
-    people of your own
+    python benchmarks/bench_people.py                         # print the table
+    python benchmarks/bench_people.py --page docs/people.md   # put it into the page
+    python benchmarks/bench_people.py mine-1.csv mine-2.csv   # measure people of your own
+
+The first two read the recordings in the folder `ARMGUARD_RECORDINGS`.
 
 Reads motion captures as Vicon exports them, at 25 Hz or more. `armguard.lab.people` says
 which samples count and how accelerations are estimated.
@@ -23,7 +24,7 @@ from armguard.exceptions import ArmguardError
 from armguard.lab.people import HALF_WINDOW
 from armguard.lab.simulation.bodies import POINTS
 from armguard.lab.simulation.recordings import read_vicon_csv
-from armguard.people import BOUNDS, BoundReport, PartBounds, check_bounds, measure_motion
+from armguard.people import BOUNDS, PartBounds, check_bounds, measure_motion
 
 BEGIN = "<!-- made by benchmarks/bench_people.py -->"
 END = "<!-- end of what benchmarks/bench_people.py made -->"
@@ -34,7 +35,7 @@ PARTS = [TRUNK.get(point, point.rpartition("_")[2]) for point in POINTS]
 
 
 def make_tables(paths: Sequence[Path]) -> str:
-    """What was measured, as Markdown."""
+    """What was measured, as Markdown: over 30 ms either side, and over 20 ms."""
     recordings = [(path.stem, *read_vicon_csv(path)) for path in paths]
     reports = {}
     for window in (HALF_WINDOW, SHORT_WINDOW):
@@ -49,42 +50,26 @@ def make_tables(paths: Sequence[Path]) -> str:
     names = ", ".join(name for name, _, _ in recordings)
     lines = [
         f"{len(recordings)} recordings ({names}), {seconds:.0f} s. Noise in accelerations:"
-        f" {np.nanmedian(noise):.2f} m/s² in the median of all points, {np.nanmax(noise):.2f} m/s²"
-        " at most.",
+        f" {np.nanmedian(noise):.2f} m/s² median, {np.nanmax(noise):.2f} m/s² at most.",
         "",
-        "| part | bounds | clean samples | m/s²: p99 | p99.9 | max | m/s: p99 | p99.9 | max |"
-        " broke m/s² | broke m/s | broke either | broke 10 m/s² | broke 2 m/s |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "|part|bounds [m/s², m/s]|clean [%]|60 ms: p99.9, max [m/s²]|40 ms: p99.9, max [m/s²]|"
+        "p99.9, max [m/s]|beyond bounds, 60 ms [%]|40 ms [%]|beyond 10 m/s² [%]|beyond 2 m/s [%]|",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for part, report in reports[HALF_WINDOW].items():
-        bound, usual = BOUNDS[part], with_defaults[part]
-        shares = [report.accel_broken, report.speed_broken, report.broken]
-        shares += [usual.accel_broken, usual.speed_broken]
+        bound, usual, short = BOUNDS[part], with_defaults[part], reports[SHORT_WINDOW][part]
+        shares = [report.broken, short.accel_broken, usual.accel_broken, usual.speed_broken]
         cells = [
             part,
-            f"{bound.accel:g} m/s², {bound.speed:g} m/s",
-            f"{report.clean} of {report.seen}",
-            *(f"{value:.1f}" for value in report.accel),
-            *(f"{value:.2f}" for value in report.speed),
-            *(f"{100.0 * share:.2f} %" for share in shares),
+            f"{bound.accel:g}, {bound.speed:g}",
+            f"{100.0 * report.clean / report.seen:.1f}",
+            f"{report.accel[1]:.1f}, {report.accel[2]:.1f}",
+            f"{short.accel[1]:.1f}, {short.accel[2]:.1f}",
+            f"{report.speed[1]:.2f}, {report.speed[2]:.2f}",
+            *(f"{100.0 * share:.2f}" for share in shares),
         ]
-        lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", *_short_window(reports[SHORT_WINDOW])]
+        lines.append(f"|{'|'.join(cells)}|")
     return "\n".join(lines)
-
-
-def _short_window(reports: dict[str, BoundReport]) -> list[str]:
-    """Accelerations where 20 ms either side are taken: sharper, and noisier."""
-    lines = [
-        "The same with 20 ms either side of the middle, not 30 ms, and 2.25 times the noise:",
-        "",
-        "| part | m/s²: p99 | p99.9 | max | broke m/s² |",
-        "|---|---|---|---|---|",
-    ]
-    for part, report in reports.items():
-        accels = " | ".join(f"{value:.1f}" for value in report.accel)
-        lines.append(f"| {part} | {accels} | {100.0 * report.accel_broken:.2f} % |")
-    return lines
 
 
 def put_into_page(page: Path, tables: str) -> None:

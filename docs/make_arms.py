@@ -57,11 +57,12 @@ HEAD = f"""# Tested arms
 
 <!-- written by docs/make_arms.py from docs/arms.json, which a run of it makes: change it there -->
 
-Every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/) that is an arm, or has arms, through
-
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-as it is, without any other option: what loads, with how many joints watched and locked, how many links, how many of them as they are drawn, and how many spheres; and what is refused and why. Seconds are processor time on a shared machine, of reading and describing, and of fitting, proving and loading again. A link that an earlier row of the same run had is not fitted again, so of several descriptions of one arm the first says how long that takes; the first fitted row may include the compiling of kernels. What is "not fitted" was described and read, which is where refusals come from: robots of more than {MOST_LINKS} links would take many minutes. With `--yes` much is CHOSEN or DERIVED, so a row says what armguard makes of a URDF, not that its description is right. At most {SPHERES} spheres a link keep the trial short; seven of these arms have covers of 20 mm in [covers](covers.md).
+ran on every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/) that is an arm or has arms, without other options. With `--yes` much is CHOSEN or DERIVED: a row shows what armguard makes of a URDF, not that its description is right. Robots of more than {MOST_LINKS} links were described, not fitted (–), because each would take many minutes. At most {SPHERES} spheres a link keep the trial short; [Covers](covers.md) has covers of 20 mm.
+
+- *As drawn*: links whose drawn geometry serves as collision geometry.
+- Seconds are processor time on a shared machine: reading and describing; fitting, proving and loading. A link of an earlier row of the same run is not fitted again. The first fitted row may include compiling kernels.
 """
 
 
@@ -131,19 +132,18 @@ def write_page(rows: dict[str, dict[str, Any]]) -> str:
     parts = [
         HEAD,
         f"## {len(loaded)} are read, {covered} of them fitted, proved and loaded\n",
-        "| URDF | joints | locked | links | as drawn | spheres | described in, s | fitted in, s |",
+        "|URDF|joints|locked|links|as drawn|spheres|described [s]|fitted [s]|",
         "|---|---|---|---|---|---|---|---|",
         *(
-            f"| `{path}` | {row['joints']} | {row['locked']} | {row['links']} | {row['drawn']} | "
-            f"{row.get('spheres', 'not fitted')} | {row['described']:.1f} | "
-            f"{row.get('fitted', '')} |"
+            f"|`{path}`|{row['joints']}|{row['locked']}|{row['links']}|{row['drawn']}|"
+            f"{row.get('spheres', '–')}|{row['described']:.1f}|{row.get('fitted', '–')}|"
             for path, row in sorted(loaded.items())
         ),
         f"\n## {len(refused)} are refused\n",
-        "| URDF | why |",
+        "|URDF|why|",
         "|---|---|",
         *(
-            f"| `{path}` | {row['refused'].replace('|', '/')} |"
+            f"|`{path}`|{row['refused'].replace('|', '/')}|"
             for path, row in sorted(refused.items())
         ),
         "\n## Not tried: no arms\n",

@@ -24,9 +24,9 @@ TYPES = {
     "tuple[BrakeRow, ...]": "tables",
     "dict[str, JointDescription]": "table of tables",
     "dict[str, LockedJoint]": "table of tables",
-    "dict[str, float]": "number for each joint",
-    "Amounts": "number, or one for each joint",
-    "Amounts | None": "number, or one for each joint",
+    "dict[str, float]": "numbers",
+    "Amounts": "number(s)",
+    "Amounts | None": "number(s)",
     "LimitSources": "table",
     "OperatingSources": "table",
     "OperatingTable": "table",
@@ -41,26 +41,24 @@ HEAD = """# robot.toml
 
 <!-- written by docs/make_robot.py from armguard/robot/description.py and brakes.py: change it there -->
 
-What armguard must know of an arm and no URDF contains: limits that hold in every mode, what brakes guarantee, and the source of each figure. A folder with a `robot.toml`, and a `cover.json` that was proved for it, is a robot: `robots/` has those that armguard knows.
+A robot is a folder with `robot.toml` and the `cover.json` proved for it, as in `robots/`. `robot.toml` states limits that hold in every mode, braking, and the source of each figure.
 
 ## An arm of your own
 
     armguard robot new arm.urdf --out my_arm
 
-reads the URDF, asks for what it lacks, fits and proves the cover, writes both files, and prints which figures are not data of the arm. The file can also be an MJCF ([MuJoCo](mujoco.md)), a path below `robots/` of example-robot-data, or a ROS parameter file with `robot_description`. On a terminal, Enter takes the usual value. Elsewhere each answer has an option, and a missing one is named. `--yes` takes all usual values: what efforts and inertias of the URDF allow (`DERIVED`), or a choice (`CHOSEN`). Neither is data of your arm: replace them by what its maker states.
+reads the URDF, asks for what it lacks, proves the cover and writes both files. The file can also be an [MJCF](mujoco.md), a path below `robots/` of example-robot-data, or a ROS parameter file with `robot_description`. Each question has an option; `--yes` takes values `DERIVED` from efforts and inertias, or `CHOSEN`. **Replace both by data of the maker.**
 
-Operating limits count only where a cell file says `operating = "published"`; `armguard tradeoff --robot my_arm --axis operating` shows how much less the arm then stops.
+- `--joint-limits joint_limits.yaml` reads MoveIt's limits as operating limits.
+- Meshes are found beside the URDF, above it, and in `--package-dirs`.
+- A moving link without collision geometry needs `--collision-from-visual LINK`, or `--bare-links LINK`, which leaves it unwatched.
+- Mimic joints, and those of `--travel`, can be anywhere in their range. `--lock JOINT=POSITION` is for joints that stand still; `--joints` chooses what is watched.
 
-- `--joint-limits joint_limits.yaml` takes MoveIt's `max_velocity` and `max_acceleration`, if `has_velocity_limits` and `has_acceleration_limits` say so. Plans keep them, so they become the operating limits, never the hardware's. Default scaling factors are not applied, because a request can name others.
-- Meshes are found as `armguard cover` finds them: beside the URDF, in the folders above it, and in `--package-dirs`.
-- A link that is drawn and moves, but has no collision geometry, would not be watched. `--collision-from-visual LINK` takes what is drawn; `--bare-links LINK` leaves it uncovered.
-- Joints that mimic others are not watched. They, and those of `--travel`, can be anywhere in their range; a mimic joint also wherever the range of its leader takes it. `--lock JOINT=POSITION` is for what stands still, `--joints` chooses what is watched. `--yes` does not guess the position of a joint that carries the arm, such as a lift.
-
-Use the folder wherever a robot is named: `armguard.Robot.load("./my_arm")`, `armguard demo --robot my_arm`, `armguard show my_arm`, `armguard cover --check my_arm`, and `name = "my_arm"` in `[robot]` of a cell file, relative to that file. [Tested arms](arms.md) lists those of example-robot-data.
+Use the folder as a robot's name: `armguard.Robot.load("./my_arm")`, `armguard show my_arm`. [Tested arms](arms.md) lists examples.
 
 ## Keys
 
-Reading is strict: an unknown key, or a limit that is missing, not finite or without a source, is refused by name. Lengths are metres, angles radians, times seconds, loads kilograms. A key with the default "none" can be left out.
+Unknown keys, and limits that are missing, not finite or without a source, are refused by name.
 """
 
 SECTIONS = (
@@ -76,16 +74,15 @@ SECTIONS = (
 """Title of each table, the class that reads it, and the module that has it."""
 
 AFTER = {
-    "`[sources]`, and `sources` of a joint": "A source that begins with CHOSEN or DERIVED marks a figure that nobody has published.\n",
-    "`[[brakes]]`": "A row is about the joints that its tables name, or about all if each value is one number. It needs `deceleration`, or `stopping_time` and `stopping_distance`, as makers publish them by ISO 10218-1, annex B. Each is a proof by itself, and the tighter one counts. Between two rows the next higher one counts, in load and in speed. A joint that can be faster than any row when its brakes engage is a STOP that names it. No row may stop harder than the acceleration limit allows, or sooner with more load or from more speed.\n",
-    "`[locked.NAME]`": "One of both. With `travel`, the links beyond count as all that they can reach (fingers, a head); with `position`, the joint must stand still there.\n",
-    "`[operating.published]`": 'In force only where it is asked for: `operating = "published"` in `[robot]` of a cell file, or `Monitor(operating="published")`. A state beyond it is a STOP.\n',
+    "`[sources]`, and `sources` of a joint": "A source that begins with CHOSEN or DERIVED marks an unpublished figure.\n",
+    "`[[brakes]]`": "A row holds for the joints that it names, or for all. It needs `deceleration`, or `stopping_time` and `stopping_distance` (ISO 10218-1, annex B); the tighter proof counts. Between rows the higher one counts; a joint faster than any row is a STOP.\n",
+    "`[locked.NAME]`": "State one of both. With `travel`, links count as all that they can reach.\n",
+    "`[operating.published]`": 'For each joint. In force only with `operating = "published"` in a cell file, or `Monitor(operating="published")`; a state beyond is a STOP.\n',
 }
 
 TAIL = """## The smallest file
 
 ```toml
-title = "One joint"
 urdf = "arm.urdf"
 
 [sources]
