@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import time
 
 from armguard.drivers.arm import Arm, ArmLostError, ArmState
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import DRIVING, Link
-from armguard.drivers.measurement import Measurement
+from armguard.drivers.link import DRIVING
 from armguard.drivers.moment import Conduct, Moment
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import Verdict
 
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
+
+LONGEST_TURN = 2.0
+"""How long a turn may take beyond the longest silence, in [s]."""
 
 BEAT = 0.05
 """Between two signs of life, in [s]."""
@@ -33,33 +35,24 @@ class DriveLoop:
     Args:
         arm: Connected.
         conduct: Tells the arm what to do.
-        options: Of the driver.
+        session: That it is part of.
         publisher: Takes its states.
         reader: Has verdicts and commands.
-        latencies: Counts what is done.
-        link: To the process that watches.
-        measurement: Ends the loop when it is done; None: nothing does.
     """
 
     def __init__(
         self,
         arm: Arm,
         conduct: Conduct,
-        options: DriveOptions,
+        session: Session,
         publisher: Publisher,
         reader: VerdictReader,
-        latencies: Latencies,
-        link: Link,
-        measurement: Measurement | None = None,
     ) -> None:
         self._arm = arm
         self._conduct = conduct
-        self._options = options
         self._publisher = publisher
         self._reader = reader
-        self._latencies = latencies
-        self._link = link
-        self._measurement = measurement
+        self._options, self._latencies, self._link, self._measurement = session
         self._state: ArmState | None = None
         self._verdict: Verdict | None = None
         self._read_at = time.monotonic()
@@ -83,6 +76,9 @@ class DriveLoop:
         Raises:
             ArmLostError: The arm cannot be driven any more.
         """
+        # From one turn to the next the system ends this process, unless it is in time: the robot's
+        # library may wait without end, and what watches may have ended as well.
+        signal.setitimer(signal.ITIMER_REAL, LONGEST_TURN + self._options.longest_silence)
         state = self._arm.read()
         verdict = self._reader.latest(WAIT if state is None else 0.0)
         now = time.monotonic()

@@ -12,19 +12,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.drivers.arm import ArmLostError, MotionArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
+from armguard.drivers.arm import REST_SPEED, ArmLostError, MotionArm
 from armguard.drivers.moment import Moment
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 from armguard.messages.command import CommandMessage
 from armguard.messages.incoming import MessageError
 
 WAIT = 0.01
 """Between two states that an approach counts with, in [s], at most."""
-
-REST_SPEED = 0.01
-"""What joints at rest do not exceed, in [rad/s]."""
 
 REST_REACH = 0.05
 """How far a resting arm may be off a command that rests, in [rad], to take it up. The shield has
@@ -39,20 +34,14 @@ class MotionConduct:
 
     Args:
         arm: Follows positions.
-        options: Names of its joints, and how long it may take to brake.
-        latencies: Counts what is done.
-        link: Takes lines for people.
+        session: That it is part of.
     """
 
-    def __init__(
-        self, arm: MotionArm, options: DriveOptions, latencies: Latencies, link: Link
-    ) -> None:
+    def __init__(self, arm: MotionArm, session: Session) -> None:
         self._arm = arm
-        self._names = options.names
-        self._stop_within = options.stop_within
+        self._session = session
+        self._names = session.options.names
         self._braked_at = math.inf
-        self._latencies = latencies
-        self._link = link
         self._followed: CommandMessage | None = None
         self._order: NDArray[np.intp] = np.arange(0)
         """Where in the rows of the followed motion the robot's joints are."""
@@ -80,7 +69,7 @@ class MotionConduct:
         if not moment.is_new:
             return
         is_resting = max(map(abs, moment.state.v)) <= REST_SPEED
-        is_overdue = moment.now - self._braked_at > self._stop_within
+        is_overdue = moment.now - self._braked_at > self._session.options.stop_within
         if self._followed is None and not is_resting and is_overdue:
             raise ArmLostError("the arm does not brake")
         if self._arm.is_braking:
@@ -118,7 +107,7 @@ class MotionConduct:
         Raises:
             MessageError: The command is malformed.
         """
-        counts = self._latencies.counts
+        counts = self._session.latencies.counts
         counts.commands += 1
         if command.sequence < self._sequence:
             self._complain("the shield was started anew: send it a goal")
@@ -190,4 +179,4 @@ class MotionConduct:
         """Tell of a problem once."""
         if problem != self._problem:
             self._problem = problem
-            self._link.tell(problem)
+            self._session.link.tell(problem)

@@ -10,30 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.drivers.arm import TrajectoryArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH, MotionConduct
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 from armguard.messages.command import SAME_PLACE, CommandMessage
 
 Array = NDArray[np.float64]
 
 
 class TrajectoryConduct(MotionConduct):
-    """Sends the commands of one shield as trajectories; see `Conduct`.
+    """Sends the commands of one shield as trajectories; see `Conduct`."""
 
-    Args:
-        arm: Follows trajectories.
-        options: Names of its joints, and how long it may take to brake.
-        latencies: Counts what is done.
-        link: Takes lines for people.
-    """
-
-    def __init__(
-        self, arm: TrajectoryArm, options: DriveOptions, latencies: Latencies, link: Link
-    ) -> None:
-        super().__init__(arm, options, latencies, link)
+    def __init__(self, arm: TrajectoryArm, session: Session) -> None:
+        super().__init__(arm, session)
         self._sender = arm
 
     def act(self, moment: Moment) -> None:

@@ -11,13 +11,19 @@ need not be set.
 from __future__ import annotations
 
 import contextlib
-import signal
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
+from armguard.drivers.arm import (
+    LEAST_SCALE,
+    ArmLostError,
+    ArmState,
+    Program,
+    WrongArmError,
+    describe_overload,
+)
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
@@ -52,9 +58,6 @@ FULL_SCALE = 0.999
 
 STOP_DECELERATION = 10.0
 """Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
-
-PAYLOAD_TOLERANCE = 0.001
-"""By how much the controller's payload may exceed the cell's, in [kg]."""
 
 _RUNNING = 7
 
@@ -112,9 +115,7 @@ class UrArm:
         self._host = options.host
         self._deceleration = options.deceleration
         self._payload = options.payload
-        self._longest_wait = 2.0 + options.longest_silence
         self._stamps = StampFilter()
-        self._timestamp = -1.0
         with contextlib.ExitStack() as opened:
             self._dashboard = Dashboard(options.host)
             opened.callback(self._dashboard.close)
@@ -144,12 +145,7 @@ class UrArm:
         return rtde_receive.RTDEReceiveInterface(options.host, options.rate, VARIABLES)
 
     def read(self) -> ArmState | None:
-        """The newest state; None where there is none that was not read before.
-
-        From one call to the next the system ends this process, unless it is in time: the library
-        may wait without end, and what watches may have ended as well.
-        """
-        signal.setitimer(signal.ITIMER_REAL, self._longest_wait)
+        """The newest state; None where there is none that was not read before."""
         receive = self._receive
         try:
             if not receive.isConnected():
@@ -157,7 +153,7 @@ class UrArm:
             # Its values are read one by one: the same stamp before and after says that they
             # belong together.
             stamp = receive.getTimestamp()
-            if stamp == self._timestamp:
+            if stamp == self._stamps.newest:
                 return None
             q, v = receive.getActualQ(), receive.getActualQd()
             modes = receive.getRobotMode(), receive.getSafetyMode()
@@ -168,9 +164,6 @@ class UrArm:
                 return None
         except RuntimeError as error:
             raise _explain(error) from None
-        if stamp < self._timestamp or not self._stamps.fits(stamp, now):
-            raise ArmLostError("the robot's clock jumped: it was started anew, or sends nonsense")
-        self._timestamp = stamp
         trouble = self._find_trouble(*modes, payload)
         return ArmState(self._stamps.translate(stamp, now), q, v, program, trouble, scale)
 
@@ -179,24 +172,11 @@ class UrArm:
             return f"the robot {_SAFETY_MODES.get(safety, f'is in safety mode {safety}')}"
         if mode != _RUNNING:
             return f"the robot {_ROBOT_MODES.get(mode, f'is in mode {mode}')}: switch it on"
-        if not payload <= self._payload + PAYLOAD_TOLERANCE:
-            return (
-                f"the robot carries {payload:.3g} kg, and the monitor reckons with "
-                f"{self._payload:.3g} kg at most: state `payload` in the cell file"
-            )
-        return ""
+        return describe_overload(payload, self._payload)
 
 
 class UrProgramArm(UrArm):
-    """One that its own program moves; see `ProgramArm`.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It is not the one of the cell file.
-    """
+    """One that its own program moves; see `ProgramArm`."""
 
     def _connect(self, options: DriveOptions) -> Any:
         import rtde_io
@@ -245,13 +225,6 @@ class UrMotionArm(UrArm):
     """One that follows positions by `servoJ`, in the library's own program; see `MotionArm`.
 
     The controller ends that program where nothing has come from here for the longest silence.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It is not the one of the cell file.
     """
 
     def _connect(self, options: DriveOptions) -> Any:

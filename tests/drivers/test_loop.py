@@ -6,10 +6,12 @@ import time
 import msgspec
 import pytest
 
+from armguard.drivers import loop as driving
 from armguard.drivers.arm import ArmLostError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import DRIVING, Link
 from armguard.drivers.loop import DriveLoop
+from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm, FakeStreams
@@ -26,11 +28,12 @@ class Witness:
 
 
 @pytest.fixture
-def made():
+def made(monkeypatch):
+    monkeypatch.setattr(driving.signal, "setitimer", lambda *_: None)
     reading, writing = os.pipe()
     arm, streams, witness, link = FakeArm(), FakeStreams(), Witness(), Link(writing)
-    latencies = Latencies(time.monotonic())
-    loop = DriveLoop(arm, witness, OPTIONS, streams, streams, latencies, link)
+    session = Session(OPTIONS, Latencies(time.monotonic()), link)
+    loop = DriveLoop(arm, witness, session, streams, streams)
     yield arm, streams, witness, loop, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
     os.close(writing)
@@ -82,9 +85,8 @@ def test_it_ends_with_the_process_that_started_it(made):
     arm, streams, witness, _, _ = made
     reading, writing = os.pipe()
     orphan = msgspec.structs.replace(OPTIONS, parent=1)
-    loop = DriveLoop(
-        arm, witness, orphan, streams, streams, Latencies(time.monotonic()), Link(writing)
-    )
+    session = Session(orphan, Latencies(time.monotonic()), Link(writing))
+    loop = DriveLoop(arm, witness, session, streams, streams)
     with pytest.raises(KeyboardInterrupt):
         loop.run()
     os.close(reading)

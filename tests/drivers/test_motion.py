@@ -12,6 +12,7 @@ from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH, MotionConduct
+from armguard.drivers.session import Session
 from armguard.messages.command import CommandMessage, pack
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeMotionArm
@@ -26,7 +27,8 @@ class Made:
         self.arm = FakeMotionArm(HOME)
         self.latencies = Latencies(0.0)
         options = msgspec.structs.replace(OPTIONS, names=NAMES, stop_within=0.5)
-        self.conduct = MotionConduct(self.arm, options, self.latencies, Link(writing))
+        session = Session(options, self.latencies, Link(writing))
+        self.conduct = MotionConduct(self.arm, session)
         self.now, self.newest = 100.0, None
 
     def act(self, newest=None, after=0.002, hindrance="", trouble=""):

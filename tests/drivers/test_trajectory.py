@@ -11,6 +11,7 @@ from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH
+from armguard.drivers.session import Session
 from armguard.drivers.trajectory import TrajectoryConduct, make_points
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
@@ -59,7 +60,8 @@ class Made:
         _, writing = os.pipe()
         self.arm, self.now = TrajectoryArm(), 100.0
         options = msgspec.structs.replace(OPTIONS, names=NAMES, stop_within=0.5)
-        self.conduct = TrajectoryConduct(self.arm, options, Latencies(0.0), Link(writing))
+        session = Session(options, Latencies(0.0), Link(writing))
+        self.conduct = TrajectoryConduct(self.arm, session)
         self.verdict = None
 
     def act(self, newest, after=0.01, hindrance=""):
