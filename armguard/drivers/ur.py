@@ -11,6 +11,7 @@ need not be set.
 from __future__ import annotations
 
 import contextlib
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -37,6 +38,9 @@ JOINTS = (
     "wrist_3_joint",
 )
 """Names of the joints in the maker's descriptions, in the controller's order."""
+
+CB_SERIES = ("UR3", "UR5", "UR10")
+"""Models before the e-Series, whose software is of a version below 5; no other model has that."""
 
 VARIABLES = [
     "timestamp",
@@ -128,10 +132,19 @@ class UrArm:
             opened.pop_all()
 
     def _check_dashboard(self, options: DriveOptions) -> None:
-        model = self._dashboard.ask("get robot model")
-        # Controllers of the e-Series leave out the "e".
-        if model.rstrip("e").upper() != options.model.rstrip("e").upper():
-            raise WrongArmError(f"the robot at {options.host} is a {model}, no {options.model}")
+        model, version = map(self._dashboard.ask, ("get robot model", "PolyscopeVersion"))
+        major = re.match(r"URSoftware (\d+)\.", version)
+        if major is None:
+            raise ArmLostError(f"the robot does not tell the version of its software: {version!r}")
+        # Controllers of the e-Series leave out the "e"; their software tells them from the others.
+        is_old = int(major[1]) < 5
+        wanted = options.model.upper()
+        if model.upper().removesuffix("E") != wanted.removesuffix("E") or is_old != (
+            wanted in CB_SERIES
+        ):
+            raise WrongArmError(
+                f"the robot at {options.host} is a {model} with {version}, no {options.model}"
+            )
         answer = self._dashboard.ask("is in remote control")
         # Controllers of the CB series know no such mode, and do not understand.
         if answer.lower() == "false":

@@ -31,12 +31,33 @@ def connect(monkeypatch):
     return connect
 
 
+OLD, NEW = (3, 15, 8, 106339), (5, 12, 6, 1102099)
+"""Versions of the CB series and of the e-Series."""
+
+
+@pytest.mark.hazard("H-15")
 @pytest.mark.parametrize("model", FAMILIES)
 @pytest.mark.parametrize("answer", ["UR3", "UR5", "UR10", "UR5e"])
-def test_the_model_is_that_of_the_cell_with_or_without_its_e(connect, model, answer):
-    same = model.removesuffix("e") == answer.removesuffix("e")
-    with pytest.raises(_Checked if same else WrongArmError):
-        connect(UrController(find_host(), answer), model=model)
+@pytest.mark.parametrize("version", [OLD, NEW])
+def test_the_model_and_the_series_are_those_of_the_cell(connect, model, answer, version):
+    same_size = model.removesuffix("e") == answer.removesuffix("e")
+    same_series = model.endswith("e") == (version is NEW)
+    with pytest.raises(_Checked if same_size and same_series else WrongArmError):
+        connect(UrController(find_host(), answer, version=version), model=model)
+
+
+@pytest.mark.parametrize(("version", "error"), [(OLD, WrongArmError), (NEW, _Checked)])
+def test_a_newer_model_than_the_e_series_has_no_e(connect, version, error):
+    with pytest.raises(error):
+        connect(UrController(find_host(), "UR20", version=version), model="UR20")
+
+
+def test_a_robot_that_does_not_tell_its_version_is_not_driven(connect):
+    controller = UrController(find_host())
+    answer = controller._answer
+    controller._answer = lambda line: "?" if line == "PolyscopeVersion" else answer(line)
+    with pytest.raises(ArmLostError, match=r"version of its software: '\?'"):
+        connect(controller)
 
 
 def test_a_robot_in_local_control_is_refused(connect):
