@@ -20,6 +20,7 @@ from armguard.bridges.ros2 import FrameErrors
 from armguard.drivers.options import DriveOptions, FrankaOptions, ObstacleTopic, Ros2Options
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
+from armguard.robot.description import is_known
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.streams.addresses import check_address
@@ -106,23 +107,22 @@ def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
         "host": table.host,
         "model": table.model,
         "rate": table.rate,
-        "names": _name_joints(table, robot.joints, cell.file),
+        "names": _name_joints(table, robot.joints, cell),
         "speed": table.speed,
     }
 
 
 def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, Any]:
     """What the driver of Franka Robotics alone has to know."""
-    names = _name_joints(table, robot.joints, cell.file)
-    order = [robot.joints.index(name) for name in names]
+    names = _name_joints(table, robot.joints, cell)
     settings = cell.monitor_settings(robot)
     limits = LimitsInForce(robot, settings["operating"])
     contact_limits = settings["contact_limits"]
     forces = [one.force for one in contact_limits.by_region.values()] if contact_limits else []
     franka = FrankaOptions(
-        waypoints=_check_waypoints(table, robot, order, cell),
-        velocities=tuple(limits.operating_velocity[order].tolist()),
-        accelerations=tuple(limits.operating_acceleration[order].tolist()),
+        waypoints=_check_waypoints(table, robot, cell),
+        velocities=tuple(limits.operating_velocity.tolist()),
+        accelerations=tuple(limits.operating_acceleration.tolist()),
         contact_force=min(filter(None, forces), default=None),
     )
     return {
@@ -136,9 +136,7 @@ def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, 
     }
 
 
-def _check_waypoints(
-    table: FrankaTable, robot: Robot, order: list[int], cell: Cell
-) -> tuple[tuple[float, ...], ...]:
+def _check_waypoints(table: FrankaTable, robot: Robot, cell: Cell) -> tuple[tuple[float, ...], ...]:
     """The waypoints of a robot that no shield moves."""
     waypoints = tuple(map(tuple, table.waypoints))
     key, is_shielded = "robot.driver.waypoints", cell.tables.shield is not None
@@ -146,7 +144,7 @@ def _check_waypoints(
         raise make_error(cell.file, key, "is there beside [shield]", "one of them")
     if len(set(waypoints)) < 2 and not is_shielded:
         raise make_error(cell.file, key, f"has {len(set(waypoints))}", "two different ones")
-    lower, upper = robot.lower_position_limit[order], robot.upper_position_limit[order]
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
     for number, waypoint in enumerate(waypoints):
         q = np.array(waypoint)
         if q.shape != lower.shape or not ((lower <= q) & (q <= upper)).all():
@@ -219,19 +217,26 @@ def _read_domain(table: Ros2Table) -> int:
 
 
 def _name_joints(
-    table: UrTable | FrankaTable, watched: tuple[str, ...], file: str
+    table: UrTable | FrankaTable, watched: tuple[str, ...], cell: Cell
 ) -> tuple[str, ...]:
-    """Names of the robot's joints in the controller's order; the monitor watches all of them."""
+    """Names of the robot's joints in the controller's order: from the base on, all watched."""
     from armguard.drivers import franka, ur
 
+    name = cell.tables.robot.name or ""
+    if is_known(name) and name != (table.model.lower() if isinstance(table, UrTable) else "panda"):
+        raise make_error(
+            cell.file,
+            "robot.driver.model",
+            f"is {table.model!r}, and the monitor watches a {name!r}",
+            "the same robot",
+        )
     known = franka.JOINTS if isinstance(table, FrankaTable) else (ur.JOINTS,)
     if table.joints is not None:
         known = (tuple(table.joints),)
-    for names in known:
-        if sorted(names) == sorted(watched):
-            return names
+    if watched in known:  # in the order of the model, from the base on
+        return watched
     raise make_error(
-        file,
+        cell.file,
         "robot.driver.joints",
         f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
         "the same joints, from the base on",

@@ -4,6 +4,7 @@ import pytest
 
 from armguard.app.cli import Drive, main
 from armguard.app.drive import make_options
+from armguard.drivers.ur import JOINTS
 from armguard.exceptions import ArmguardError
 
 CELL = """
@@ -13,6 +14,7 @@ name = "ur5e"
 {driver}
 """
 DRIVER = '[robot.driver]\nname = "ur"\nhost = "127.0.0.1"\nmodel = "UR5e"\n'
+FR3 = '[robot.driver]\nname = "franka"\nhost = "127.0.0.1"\nwaypoints = []\n'
 
 
 def refuse(tmp_path, capsys, *words, driver=DRIVER):
@@ -37,6 +39,10 @@ def refuse(tmp_path, capsys, *words, driver=DRIVER):
         (DRIVER + "deceleration = -1.0", "robot.driver.deceleration"),
         (DRIVER + "colour = 1", "colour"),
         (DRIVER + 'joints = ["a", "b"]', "robot.driver.joints: has a, b, and the monitor watches"),
+        (DRIVER + f"joints = {list(reversed(JOINTS))}", "has wrist_3_joint, wrist_2_joint"),
+        (DRIVER.replace("UR5e", "UR5"), "model: is 'UR5', and the monitor watches a 'ur5e'"),
+        (DRIVER.replace("UR5e", "UR10e"), "model: is 'UR10e', and the monitor watches a 'ur5e'"),
+        (FR3 + f"joints = {list(JOINTS)}", "model: is 'FR3', and the monitor watches a 'ur5e'"),
     ],
 )
 def test_what_a_cell_file_says_wrong_is_one_line(tmp_path, capsys, driver, said):
