@@ -71,6 +71,18 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         Keys.load(*key_files)
     for address in (wishes.joints, wishes.verdicts, wishes.obstacles):
         check_address(address, has_keys=key_files is not None)
+    follows = cell.tables.shield is not None
+    if follows and wishes.measure:
+        raise ArmguardError(
+            "--measure",
+            "is given beside [shield]",
+            expected="a cell without it, in which the robot's program moves the arm",
+        )
+    if follows and not isinstance(table, Ros2Table) and table.speed != 1.0:
+        # Its commands say how fast the arm goes.
+        raise make_error(
+            cell.file, "robot.driver.speed", f"is {table.speed} beside [shield]", "one of them"
+        )
     robot = cell.make_robot()
     payload = cell.tables.robot.payload
     if isinstance(table, UrTable):
@@ -87,7 +99,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         joints=wishes.joints,
         verdicts=wishes.verdicts,
         arm=cell.arm,
-        follows=cell.tables.shield is not None,
+        follows=follows,
         measure=wishes.stops if wishes.measure else 0,
         key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
         is_first=not wishes.again,

@@ -153,6 +153,22 @@ def test_what_a_cell_file_says_wrong_of_a_graph_is_one_line(tmp_path, capsys, dr
     assert said in refuse(tmp_path, capsys, driver=driver)
 
 
+SHIELD = "[monitor]\nmotion = 'planned'\n[shield]\njerk = 500.0\n"
+
+
+@pytest.mark.parametrize(
+    ("driver", "words", "said"),
+    [
+        (DRIVER + SHIELD, ["--measure"], "--measure: is given beside [shield]"),
+        (ROS2 + SHIELD, ["--measure"], "--measure: is given beside [shield]"),
+        (DRIVER + "speed = 0.5\n" + SHIELD, [], "robot.driver.speed: is 0.5 beside [shield]"),
+        (FR3 + "speed = 0.5\n" + SHIELD, [], "robot.driver.speed: is 0.5 beside [shield]"),
+    ],
+)
+def test_what_a_shield_makes_void_is_refused(tmp_path, capsys, driver, words, said):
+    assert said in refuse(tmp_path, capsys, *words, driver=driver)
+
+
 @pytest.mark.parametrize("key", ["speed = -1.0", "haste = 1.0"])
 def test_a_mistake_in_one_of_several_robots_is_one_line(tmp_path, capsys, key):
     cell = tmp_path / "cell.toml"
