@@ -74,12 +74,12 @@ def connect(session: Session) -> tuple[Arm, Conduct]:
 
 
 def drive(options: DriveOptions, link: Link) -> None:
-    """Connect, and drive until a measurement is done, or for ever; the arm is left at rest.
+    """Connect, and drive until a measurement is done, or this is to end; the arm is left at rest.
 
     Raises:
         ArmLostError: The arm cannot be driven any more, or may not have come to rest.
         WrongArmError: Another arm answers.
-        KeyboardInterrupt: A signal ends this process, or the process that watches it has ended.
+        KeyboardInterrupt: A signal ends this process while the arm may move.
     """
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
@@ -99,32 +99,32 @@ def drive(options: DriveOptions, link: Link) -> None:
         try:
             loop.run()
         except KeyboardInterrupt:
-            arm.leave()
-            raise
+            pass  # a signal, or the process that watches this one has ended
         finally:
             link.count(latencies.counts)
         arm.leave()
-    if measurement is not None:
+    if measurement is not None and measurement.is_done:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())
 
 
 def run(options: DriveOptions, link: Link) -> NoReturn:
     """Connect, drive, and end the process at once, with an exit code that says how it went."""
-    code = 0
+    code, name = 0, f"{options.model} at {options.host}"
     try:
         drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
-        link.tell(f"{options.model} at {options.host}: {error}; {stop_alone(options)}")
+        link.tell(f"{name}: {error}; {stop_alone(options)}")
         code = LOST
     except WrongArmError as error:
         link.send(WRONG, str(error))
         code = WRONG_ARM
     except KeyboardInterrupt:
-        pass
-    except BaseException:
-        stop_alone(options)
+        # While it connected, or again while the arm was left.
+        link.tell(f"{name}: ended before the arm was left at rest; {stop_alone(options)}")
+    except BaseException as error:
+        link.tell(f"{name}: the driver has failed ({type(error).__name__}); {stop_alone(options)}")
         traceback.print_exc()
         sys.stderr.flush()
         code = LOST

@@ -228,10 +228,14 @@ class UrProgramArm(UrArm):
             raise ArmLostError("no script reaches the robot: stop it by hand")
 
     def leave(self) -> None:
-        """Pause the program, and wait until the controller has read that."""
+        """Pause the program, unless none runs, and wait until the controller has read that."""
         self.scale(LEAST_SCALE)
         self._dashboard.read_answers()
-        self._dashboard.ask("pause")
+        answer = self._dashboard.ask("pause")
+        if answer.startswith("Pausing"):
+            return
+        if self._dashboard.ask("running").lower() != "program running: false":
+            raise ArmLostError(f"the robot does not pause its program: {answer}")
 
 
 class UrMotionArm(UrArm):

@@ -217,21 +217,21 @@ def _attend(
             driver.process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.process.wait(END_TIMEOUT)
-            if driver.process.returncode is None:
-                driver.process.kill()
-                _stop(options, "the driver's process does not end", tell)
             break
-    else:
-        if driver.process.returncode not in (0, WRONG_ARM, LOST):
-            # Nothing else can stop the arm now.
-            how = "while it drove" if driver.is_driving else "while it connected"
-            cause = f"the driver's process has ended by itself {how}"
-            if driver.process.returncode == -signal.SIGALRM:
-                cause += ", since the robot did not answer the client library"
-            _stop(options, cause, tell)
+    code = driver.process.returncode
+    if code is None:
+        driver.process.kill()
+        _stop(options, "the driver's process does not end", tell)
+    elif code not in (0, WRONG_ARM, LOST):
+        # Nothing else can stop the arm now, also where it was told to end.
+        how = "while it drove" if driver.is_driving else "while it connected"
+        cause = f"the driver's process has ended by itself {how}"
+        if code == -signal.SIGALRM:
+            cause += ", since the robot did not answer the client library"
+        _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
-    return 0 if driver.process.returncode is None else driver.process.returncode
+    return code or 0
 
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:

@@ -1,11 +1,14 @@
 """What the driver asks of a robot before the client library; test_watch.py has the library."""
 
+import contextlib
+
 import msgspec
 import pytest
 
 from armguard.drivers.arm import ArmLostError, WrongArmError
-from armguard.drivers.ur import UrArm, UrMotionArm
-from armguard.lab.simulation.ur_controller import UrController
+from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
+from armguard.drivers.ur_lines import Dashboard
+from armguard.lab.simulation.ur_controller import STOPPED, UrController
 from support.driven_cell import OPTIONS, find_host
 
 FAMILIES = ["UR3", "UR3e", "UR5", "UR5e", "UR10", "UR10e"]
@@ -78,6 +81,33 @@ def test_each_safety_mode_in_which_it_stands_has_words():
         assert "switch it on" in arm._find_trouble(mode, 1, 5.0)
     for payload in (5.1, float("nan"), float("inf")):
         assert "payload" in arm._find_trouble(7, 1, payload)
+
+
+class Slider:
+    """Takes whatever is set."""
+
+    def setSpeedSlider(self, fraction):  # noqa: N802  # the library's name
+        return True
+
+
+@pytest.mark.parametrize(
+    ("change", "is_left"),
+    [
+        ({}, True),
+        ({"program": STOPPED}, True),
+        ({"is_remote": False}, False),
+        ({"_obey": "Failed to execute: {}".format}, False),
+    ],
+)
+def test_a_program_that_is_not_paused_is_not_left_alone(change, is_left):
+    with UrController(find_host()) as controller:
+        for name, value in change.items():
+            setattr(controller, name, value)
+        arm = object.__new__(UrProgramArm)
+        arm._dashboard, arm._io = Dashboard(controller.host), Slider()
+        with contextlib.nullcontext() if is_left else pytest.raises(ArmLostError, match="pause"):
+            arm.leave()
+        arm._dashboard.close()
 
 
 class DeafControl:

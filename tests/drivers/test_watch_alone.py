@@ -1,6 +1,7 @@
 """Watching a driver's process, without a robot or its client library."""
 
 import sys
+import time
 
 import pytest
 
@@ -50,6 +51,20 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         watching.watch(OPTIONS, lambda _: None, lambda: False, 10.0)
     assert stopped == [OPTIONS]
+
+
+@pytest.mark.hazard("H-20")
+def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypatch, tmp_path):
+    process = tmp_path / "process"
+    process.write_text("#!/bin/sh\ntrap 'kill -SEGV $$' TERM\nwhile :; do sleep 0.01; done\n")
+    process.chmod(0o700)
+    stopped, lines = [], []
+    monkeypatch.setattr(sys, "executable", str(process))
+    monkeypatch.setattr(watching, "stop_alone", stopped.append)
+    ends = time.monotonic() + 0.3  # the trap is set by then
+    watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
+    assert len(stopped) == 1
+    assert "has ended by itself" in lines[-1]
 
 
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
