@@ -10,7 +10,7 @@ from armguard.drivers.arm import ArmState, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
-from armguard.drivers.motion import APPROACH
+from armguard.drivers.motion import APPROACH, QUIET
 from armguard.drivers.session import Session
 from armguard.drivers.trajectory import TrajectoryConduct, make_points
 from armguard.verdict import Level
@@ -54,7 +54,7 @@ def cubic(times, q, v, t):
 
 
 class Made:
-    """A conduct, its arm, and time that a test sets."""
+    """A conduct that knows an old goal, its arm, and time that a test sets."""
 
     def __init__(self):
         _, writing = os.pipe()
@@ -63,6 +63,8 @@ class Made:
         session = Session(options, Latencies(0.0), Link(writing))
         self.conduct = TrajectoryConduct(self.arm, session)
         self.verdict = None
+        self.act(rest(self.now, 0))
+        self.now += QUIET
 
     def act(self, newest, after=0.01, hindrance=""):
         self.now += after
