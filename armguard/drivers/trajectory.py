@@ -68,11 +68,10 @@ def make_points(
         return samples.times, samples.q[:, order], samples.v[:, order]
     ends = since + np.abs(offset) / APPROACH
     times = np.union1d(samples.times, ends[ends > 0.0])
-    rows = [command.at(command.stamp + time)[:2] for time in times]
+    q, v, _ = command.at(command.stamp + times)
     gone = APPROACH * np.maximum(times - since, 0.0)[:, None]
     # At its own end an offset is nothing, whatever rounding leaves of it: the arm must rest there.
     is_left = gone < np.abs(offset) - SAME_PLACE * APPROACH
     rest = np.where(is_left, offset - np.clip(offset, -gone, gone), 0.0)
-    q = np.array([row[0] for row in rows])[:, order] + rest
     slope = -APPROACH * np.sign(rest) * (times >= since)[:, None]
-    return times, q, np.array([row[1] for row in rows])[:, order] + slope
+    return times, q[:, order] + rest, v[:, order] + slope
