@@ -17,12 +17,14 @@ from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
 from armguard.bridges.messages import ObstacleReader
 from armguard.bridges.ros2 import FrameErrors
+from armguard.drivers.latencies import describe_delay
 from armguard.drivers.options import DriveOptions, FrankaOptions, ObstacleTopic, Ros2Options
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
 from armguard.robot.description import is_known
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+from armguard.settings.settings import Settings
 from armguard.streams.addresses import check_address
 from armguard.streams.keys import Keys
 
@@ -95,6 +97,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         timeout=table.timeout,
         stop_within=table.stop_within,
         deceleration=table.deceleration,
+        validity=Settings(**cell.monitor_settings(robot)).response_time,
         payload=robot.brakes.most_payload if payload is UNSET else payload,
         joints=wishes.joints,
         verdicts=wishes.verdicts,
@@ -262,6 +265,6 @@ def _summarise(report: Report) -> str:
     return (
         f"{counts.states} joint states by {report.connections} {connections}, longest gap "
         f"{1e3 * counts.longest_gap:.1f} ms; {counts.stops} stops, {counts.silences} of them "
-        f"without a valid verdict, ordered within p99 {1e3 * counts.obeyed_p99:.1f} ms; "
+        f"without a valid verdict{describe_delay(counts)}; "
         f"{counts.hard_stops} by another way than the usual one"
     )

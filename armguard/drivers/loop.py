@@ -22,6 +22,9 @@ from armguard.verdict import Verdict
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
 
+ROUNDING = 1e-6
+"""By what a verdict may be valid for longer than is agreed before that is told, in [s]."""
+
 LONGEST_TURN = 2.0
 """How long a turn may take beyond the longest silence, in [s]."""
 
@@ -58,7 +61,7 @@ class DriveLoop:
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
-        self._is_silent = False
+        self._is_silent = self._has_doubted = False
 
     def run(self) -> None:
         """Drive until the measurement is done, if there is one.
@@ -82,8 +85,8 @@ class DriveLoop:
         state = self._arm.read()
         verdict = self._reader.latest(WAIT if state is None else 0.0)
         now = time.monotonic()
-        self._latencies.counts.verdicts += verdict is not self._verdict
-        self._verdict = verdict
+        if verdict is not None and verdict is not self._verdict:
+            self._take_verdict(verdict)
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at
@@ -102,6 +105,18 @@ class DriveLoop:
             )
         if now >= self._next_beat:
             self._report(now)
+
+    def _take_verdict(self, verdict: Verdict) -> None:
+        """Count a verdict, and tell of one that claims to be valid for too long."""
+        self._latencies.counts.verdicts += 1
+        self._verdict = verdict
+        claimed, agreed = verdict.valid_until - verdict.stamp, self._options.validity
+        if not (claimed <= agreed + ROUNDING or self._has_doubted):
+            self._has_doubted = True
+            self._link.tell(
+                f"verdicts claim to be valid for {1e3 * claimed:.3g} ms, and the cell file has "
+                f"{1e3 * agreed:.3g} ms, which counts: start the monitor with the same file"
+            )
 
     def _take(self, state: ArmState, now: float) -> None:
         """Publish a state, and tell of what is wrong with the robot."""

@@ -31,7 +31,7 @@ class OverrideConduct:
     def __init__(self, arm: OverrideArm, session: Session) -> None:
         self._arm = arm
         self._session = session
-        self._obedience = Obedience(session.measurement)
+        self._obedience = Obedience(session.options.validity, session.measurement)
         self._order = Order(0.0)
         self._sent = 0
         """Number of the verdict by which the speed was sent last."""
@@ -50,7 +50,7 @@ class OverrideConduct:
         must_stop = not order.scale > 0.0
         if must_stop and math.isinf(self._stopped_at):
             self._stopped_at = now
-            self._session.latencies.add_order(order, verdict)
+            self._session.latencies.add_order(order)
         elif not must_stop:
             self._stopped_at = math.inf
         self._order = order

@@ -32,7 +32,7 @@ class ProgramConduct:
     def __init__(self, arm: ProgramArm, session: Session) -> None:
         self._arm = arm
         self._session, self._options = session, session.options
-        self._obedience = Obedience(session.measurement)
+        self._obedience = Obedience(session.options.validity, session.measurement)
         self._restarts = 0
         self._order = Order(0.0)
         self._ordered_at = self._agreed_at = self._state_at = -math.inf
@@ -75,7 +75,7 @@ class ProgramConduct:
             self._is_pausing = False
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
             self._ordered_at = self._agreed_at = moment.now
-            self._session.latencies.add_order(order, moment.verdict)
+            self._session.latencies.add_order(order)
         self._order = order
 
     def _confirm(self, order: Order, moment: Moment) -> None:

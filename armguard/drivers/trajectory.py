@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from armguard.drivers.arm import TrajectoryArm
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH, MotionConduct
+from armguard.drivers.obedience import Obedience
 from armguard.drivers.session import Session
 from armguard.messages.command import SAME_PLACE, CommandMessage
 
@@ -24,15 +25,13 @@ class TrajectoryConduct(MotionConduct):
     def __init__(self, arm: TrajectoryArm, session: Session) -> None:
         super().__init__(arm, session)
         self._sender = arm
+        self._obedience = Obedience(session.options.validity)
 
     def act(self, moment: Moment) -> None:
         """Follow, take up, or brake, and show the verdict."""
         super().act(moment)
-        verdict = moment.verdict
-        is_valid = verdict is not None and moment.now <= verdict.valid_until
-        says_why = is_valid and not moment.hindrance
-        problem = moment.hindrance or "no valid verdict"
-        self._sender.report(verdict if says_why else None, problem)
+        cause = moment.hindrance or self._obedience.decide(moment.verdict, moment.now).cause
+        self._sender.report(moment.verdict if cause in ("", "STOP") else None, cause)
 
     def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
         before = self._followed

@@ -170,7 +170,8 @@ class UrArm:
                 return None
             q, v = receive.getActualQ(), receive.getActualQd()
             modes = receive.getRobotMode(), receive.getSafetyMode()
-            program = _PROGRAMS.get(receive.getRuntimeState(), Program.STOPPED)
+            # Of a state that is not known the worst is assumed.
+            program = _PROGRAMS.get(receive.getRuntimeState(), Program.RUNNING)
             scale, payload = receive.getTargetSpeedFraction(), receive.getPayload()
             now = time.monotonic()
             if receive.getTimestamp() != stamp:

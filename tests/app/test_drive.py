@@ -107,6 +107,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     assert options.franka.accelerations == pytest.approx([3.0, 1.5, 2.0, 2.5, 3.0, 4.0, 4.0])
     assert options.franka.waypoints == (tuple(THERE), tuple(ELSEWHERE))
     assert options.franka.contact_force == 120.0
+    assert options.validity == pytest.approx(0.003)
     assert options.is_first
     assert not make_options(Drive(cell, again=True)).is_first
 

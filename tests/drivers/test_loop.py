@@ -1,5 +1,6 @@
 """What the loop does, whatever tells the arm what to do."""
 
+import math
 import os
 import time
 
@@ -70,6 +71,15 @@ def test_trouble_is_told_when_it_changes(made):
         assert witness.moments[-1].hindrance == trouble
     told = [line[5:] for line in read().splitlines() if line.startswith("tell ")]
     assert told == ["it burns", "it is wet", "the robot can be driven again"]
+
+
+@pytest.mark.parametrize(("validity", "is_told"), [(1.0, False), (3.0, True), (math.nan, True)])
+def test_verdicts_that_claim_more_than_is_agreed_are_told_once(made, validity, is_told):
+    _, streams, _, loop, read = made
+    streams.validity = validity
+    for _ in range(5):
+        loop.turn()
+    assert read().count("and the cell file has 2e+03 ms") == is_told
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])

@@ -130,8 +130,10 @@ def test_an_order_to_brake_and_a_hindrance_brake():
 def test_a_verdict_is_shown_while_it_is_valid():
     made = Made()
     made.act(None)
-    assert made.arm.reports[-1] == (None, "no valid verdict")
-    made.verdict = verdict(Level.CLEAR, valid_until=made.now + 0.015)
+    assert made.arm.reports[-1] == (None, "no verdict yet")
+    made.verdict = verdict(
+        Level.CLEAR, speed_scale=1.0, stamp=made.now, valid_until=made.now + 0.015
+    )
     made.act(None)
     assert made.arm.reports[-1][0] is made.verdict
     made.act(None, 0.0, hindrance="the robot is silent")

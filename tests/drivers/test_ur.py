@@ -5,7 +5,8 @@ import contextlib
 import msgspec
 import pytest
 
-from armguard.drivers.arm import ArmLostError, WrongArmError
+from armguard.drivers.arm import ArmLostError, Program, WrongArmError
+from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
 from armguard.drivers.ur_lines import Dashboard
 from armguard.lab.simulation.ur_controller import STOPPED, UrController
@@ -81,6 +82,24 @@ def test_each_safety_mode_in_which_it_stands_has_words():
         assert "switch it on" in arm._find_trouble(mode, 1, 5.0)
     for payload in (5.1, float("nan"), float("inf")):
         assert "payload" in arm._find_trouble(7, 1, payload)
+
+
+class Receive:
+    """Receives one state."""
+
+    def __init__(self, **changes):
+        values = {"isConnected": True, "getTimestamp": 1.0, "getActualQ": [0.0] * 6}
+        values |= {"getActualQd": [0.0] * 6, "getRobotMode": 7, "getSafetyMode": 1}
+        values |= {"getRuntimeState": 2, "getTargetSpeedFraction": 1.0, "getPayload": 0.0}
+        for name, value in (values | changes).items():
+            setattr(self, name, lambda value=value: value)
+
+
+@pytest.mark.parametrize(("state", "program"), [(1, Program.STOPPED), (9, Program.RUNNING)])
+def test_of_a_program_whose_state_is_not_known_the_worst_is_assumed(state, program):
+    arm = object.__new__(UrArm)
+    arm._receive, arm._stamps, arm._payload = Receive(getRuntimeState=state), StampFilter(), 0.0
+    assert arm.read().program is program
 
 
 class Slider:
