@@ -17,11 +17,14 @@ from armguard.app.run import read_key_files
 from armguard.app.terminal import make_console, print_json
 from armguard.bridges.messages import ObstacleReader
 from armguard.bridges.ros2 import FrameErrors
+from armguard.drivers.latencies import describe_delay
 from armguard.drivers.options import DriveOptions, FrankaOptions, ObstacleTopic, Ros2Options
 from armguard.drivers.watch import Report, check_library, watch
 from armguard.exceptions import ArmguardError
+from armguard.robot.description import is_known
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+from armguard.settings.settings import Settings
 from armguard.streams.addresses import check_address
 from armguard.streams.keys import Keys
 
@@ -70,6 +73,18 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         Keys.load(*key_files)
     for address in (wishes.joints, wishes.verdicts, wishes.obstacles):
         check_address(address, has_keys=key_files is not None)
+    follows = cell.tables.shield is not None
+    if follows and wishes.measure:
+        raise ArmguardError(
+            "--measure",
+            "is given beside [shield]",
+            expected="a cell without it, in which the robot's program moves the arm",
+        )
+    if follows and not isinstance(table, Ros2Table) and table.speed != 1.0:
+        # Its commands say how fast the arm goes.
+        raise make_error(
+            cell.file, "robot.driver.speed", f"is {table.speed} beside [shield]", "one of them"
+        )
     robot = cell.make_robot()
     payload = cell.tables.robot.payload
     if isinstance(table, UrTable):
@@ -82,11 +97,12 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         timeout=table.timeout,
         stop_within=table.stop_within,
         deceleration=table.deceleration,
+        validity=Settings(**cell.monitor_settings(robot)).response_time,
         payload=robot.brakes.most_payload if payload is UNSET else payload,
         joints=wishes.joints,
         verdicts=wishes.verdicts,
         arm=cell.arm,
-        follows=cell.tables.shield is not None,
+        follows=follows,
         measure=wishes.stops if wishes.measure else 0,
         key_files=None if key_files is None else (str(key_files[0]), str(key_files[1])),
         is_first=not wishes.again,
@@ -106,23 +122,22 @@ def _describe_ur(table: UrTable, robot: Robot, cell: Cell) -> dict[str, Any]:
         "host": table.host,
         "model": table.model,
         "rate": table.rate,
-        "names": _name_joints(table, robot.joints, cell.file),
+        "names": _name_joints(table, robot.joints, cell),
         "speed": table.speed,
     }
 
 
 def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, Any]:
     """Options of the driver for Franka Robotics."""
-    names = _name_joints(table, robot.joints, cell.file)
-    order = [robot.joints.index(name) for name in names]
+    names = _name_joints(table, robot.joints, cell)
     settings = cell.monitor_settings(robot)
     limits = LimitsInForce(robot, settings["operating"])
     contact_limits = settings["contact_limits"]
     forces = [one.force for one in contact_limits.by_region.values()] if contact_limits else []
     franka = FrankaOptions(
-        waypoints=_check_waypoints(table, robot, order, cell),
-        velocities=tuple(limits.operating_velocity[order].tolist()),
-        accelerations=tuple(limits.operating_acceleration[order].tolist()),
+        waypoints=_check_waypoints(table, robot, cell),
+        velocities=tuple(limits.operating_velocity.tolist()),
+        accelerations=tuple(limits.operating_acceleration.tolist()),
         contact_force=min(filter(None, forces), default=None),
     )
     return {
@@ -136,9 +151,7 @@ def _describe_franka(table: FrankaTable, robot: Robot, cell: Cell) -> dict[str, 
     }
 
 
-def _check_waypoints(
-    table: FrankaTable, robot: Robot, order: list[int], cell: Cell
-) -> tuple[tuple[float, ...], ...]:
+def _check_waypoints(table: FrankaTable, robot: Robot, cell: Cell) -> tuple[tuple[float, ...], ...]:
     """Check the waypoints, which a robot must have exactly if no shield moves it."""
     waypoints = tuple(map(tuple, table.waypoints))
     key, is_shielded = "robot.driver.waypoints", cell.tables.shield is not None
@@ -146,7 +159,7 @@ def _check_waypoints(
         raise make_error(cell.file, key, "is there beside [shield]", "one of them")
     if len(set(waypoints)) < 2 and not is_shielded:
         raise make_error(cell.file, key, f"has {len(set(waypoints))}", "two different ones")
-    lower, upper = robot.lower_position_limit[order], robot.upper_position_limit[order]
+    lower, upper = robot.lower_position_limit, robot.upper_position_limit
     for number, waypoint in enumerate(waypoints):
         q = np.array(waypoint)
         if q.shape != lower.shape or not ((lower <= q) & (q <= upper)).all():
@@ -219,19 +232,26 @@ def _read_domain(table: Ros2Table) -> int:
 
 
 def _name_joints(
-    table: UrTable | FrankaTable, watched: tuple[str, ...], file: str
+    table: UrTable | FrankaTable, watched: tuple[str, ...], cell: Cell
 ) -> tuple[str, ...]:
     """Names of the robot's joints in the controller's order; they must be the watched joints."""
     from armguard.drivers import franka, ur
 
+    name = cell.tables.robot.name or ""
+    if is_known(name) and name != (table.model.lower() if isinstance(table, UrTable) else "panda"):
+        raise make_error(
+            cell.file,
+            "robot.driver.model",
+            f"is {table.model!r}, and the monitor watches a {name!r}",
+            "the same robot",
+        )
     known = franka.JOINTS if isinstance(table, FrankaTable) else (ur.JOINTS,)
     if table.joints is not None:
         known = (tuple(table.joints),)
-    for names in known:
-        if sorted(names) == sorted(watched):
-            return names
+    if watched in known:  # in the order of the model, from the base on
+        return watched
     raise make_error(
-        file,
+        cell.file,
         "robot.driver.joints",
         f"has {', '.join(known[0])}, and the monitor watches {', '.join(watched)}",
         "the same joints, from the base on",
@@ -245,6 +265,6 @@ def _summarise(report: Report) -> str:
     return (
         f"{counts.states} joint states by {report.connections} {connections}, longest gap "
         f"{1e3 * counts.longest_gap:.1f} ms; {counts.stops} stops, {counts.silences} of them "
-        f"without a valid verdict, ordered within p99 {1e3 * counts.obeyed_p99:.1f} ms; "
+        f"without a valid verdict{describe_delay(counts)}; "
         f"{counts.hard_stops} by another way than the usual one"
     )

@@ -27,6 +27,7 @@ from armguard.drivers.motion import MotionConduct
 from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.override import OverrideConduct
 from armguard.drivers.program import ProgramConduct
+from armguard.drivers.session import Session
 from armguard.drivers.stop_alone import stop_alone
 from armguard.drivers.trajectory import TrajectoryConduct
 from armguard.streams.nodes import Publisher, VerdictReader
@@ -39,9 +40,7 @@ CONNECT_TIMEOUT = 15
 """How long connecting may take, in whole seconds; then the system ends this process."""
 
 
-def connect(
-    options: DriveOptions, latencies: Latencies, link: Link, measurement: Measurement | None
-) -> tuple[Arm, Conduct]:
+def connect(session: Session) -> tuple[Arm, Conduct]:
     """Connect to the robot; it, and what tells it what to do.
 
     The module of the robot, and the library that it needs, are loaded here.
@@ -50,14 +49,13 @@ def connect(
         ArmLostError: It cannot be connected.
         WrongArmError: Another arm answers.
     """
-    told = options, latencies, link
+    options = session.options
     if options.driver == "ros2":
         from armguard.drivers.ros2 import Ros2Arm
 
-        ros2 = Ros2Arm(options, link.tell)
-        if options.follows:
-            return ros2, TrajectoryConduct(ros2, *told)
-        return ros2, OverrideConduct(ros2, *told, measurement)
+        ros2 = Ros2Arm(options, session.link.tell)
+        follows = options.follows
+        return ros2, (TrajectoryConduct if follows else OverrideConduct)(ros2, session)
     follow: Callable[[DriveOptions], MotionArm]
     run: Callable[[DriveOptions], ProgramArm]
     if options.driver == "franka":
@@ -70,18 +68,18 @@ def connect(
         follow, run = UrMotionArm, UrProgramArm
     if options.follows:
         moved = follow(options)
-        return moved, MotionConduct(moved, *told)
+        return moved, MotionConduct(moved, session)
     running = run(options)
-    return running, ProgramConduct(running, *told, measurement)
+    return running, ProgramConduct(running, session)
 
 
 def drive(options: DriveOptions, link: Link) -> None:
-    """Connect, and drive until a measurement is done, or for ever; the arm is left at rest.
+    """Connect, and drive until a measurement is done, or this is to end; the arm is left at rest.
 
     Raises:
         ArmLostError: The arm cannot be driven any more, or may not have come to rest.
         WrongArmError: Another arm answers.
-        KeyboardInterrupt: A signal ends this process, or the process that watches it has ended.
+        KeyboardInterrupt: A signal ends this process while the arm may move.
     """
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
@@ -93,39 +91,40 @@ def drive(options: DriveOptions, link: Link) -> None:
         # The library may wait without end, and lets no other thread of Python run meanwhile. Each
         # read of the robot sets this timer anew.
         signal.alarm(CONNECT_TIMEOUT)
-        arm, conduct = connect(options, latencies, link, measurement)
+        session = Session(options, latencies, link, measurement)
+        arm, conduct = connect(session)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
-        loop = DriveLoop(arm, conduct, options, publisher, reader, latencies, link, measurement)
+        loop = DriveLoop(arm, conduct, session, publisher, reader)
         try:
             loop.run()
         except KeyboardInterrupt:
-            arm.leave()
-            raise
+            pass  # a signal, or the process that watches this one has ended
         finally:
             link.count(latencies.counts)
         arm.leave()
-    if measurement is not None:
+    if measurement is not None and measurement.is_done:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())
 
 
 def run(options: DriveOptions, link: Link) -> NoReturn:
     """Connect, drive, and end the process at once, with an exit code that says how it went."""
-    code = 0
+    code, name = 0, f"{options.model} at {options.host}"
     try:
         drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
-        link.tell(f"{options.model} at {options.host}: {error}; {stop_alone(options)}")
+        link.tell(f"{name}: {error}; {stop_alone(options)}")
         code = LOST
     except WrongArmError as error:
         link.send(WRONG, str(error))
         code = WRONG_ARM
     except KeyboardInterrupt:
-        pass
-    except BaseException:
-        stop_alone(options)
+        # While it connected, or again while the arm was left.
+        link.tell(f"{name}: ended before the arm was left at rest; {stop_alone(options)}")
+    except BaseException as error:
+        link.tell(f"{name}: the driver has failed ({type(error).__name__}); {stop_alone(options)}")
         traceback.print_exc()
         sys.stderr.flush()
         code = LOST

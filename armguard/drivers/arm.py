@@ -14,6 +14,27 @@ LEAST_SCALE = 0.01
 """Fraction of its speed at which a program runs for a stop, until it is paused: a speed slider at 0
 makes real controllers stop protectively."""
 
+REST_SPEED = 0.01
+"""What joints at rest do not exceed, in [rad/s]."""
+
+PAYLOAD_TOLERANCE = 0.001
+"""By how much a robot's own payload may exceed the cell's, in [kg]."""
+
+
+def describe_overload(payload: float, most: float) -> str:
+    """Why an arm must not move with a payload; empty where it may.
+
+    Args:
+        payload: What the robot says that it carries, in [kg].
+        most: What the monitor takes it to carry at most, in [kg].
+    """
+    if payload <= most + PAYLOAD_TOLERANCE:
+        return ""
+    return (
+        f"the robot carries {payload:.3g} kg, and the monitor reckons with {most:.3g} kg at most: "
+        "state `payload` in the cell file"
+    )
+
 
 class ArmLostError(Exception):
     """The robot cannot be reached, or does not obey. The message says which."""

@@ -15,7 +15,6 @@ import contextlib
 import math
 import os
 import select
-import signal
 import socket
 import stat
 import time
@@ -25,7 +24,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
+from armguard.drivers.arm import (
+    LEAST_SCALE,
+    ArmLostError,
+    ArmState,
+    Program,
+    WrongArmError,
+    describe_overload,
+)
 from armguard.drivers.franka_steps import PERIOD, Step, find_excess, step_towards
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
@@ -39,9 +45,9 @@ JOINTS = tuple(
 WAIT = 0.005
 """How long to wait for a state, in [s]: five periods of the robot."""
 
-SAME_PLACE, REST_SPEED = 1e-6, 1e-4
-"""Positions that are no farther apart are the same, and joints no faster rest, in [rad] and
-[rad/s]; the robot tells its reference in single precision."""
+SAME_PLACE, SAME_SPEED = 1e-6, 1e-4
+"""Positions and velocities that are no farther apart are the same, in [rad] and [rad/s]; the robot
+tells its reference in single precision."""
 
 TORQUES = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
 FORCES = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
@@ -50,9 +56,6 @@ example of joint positions (pylibfranka/examples/joint_position_example.py)."""
 
 LEVER = 0.1
 """About which distance from an axis a force is noticed by its torque, in [m]."""
-
-PAYLOAD_TOLERANCE = 0.001
-"""By how much the robot's tool and load may exceed the cell's payload, in [kg]."""
 
 _TROUBLES = {
     "Other": "takes no commands: unlock its joints and activate FCI in Desk",
@@ -87,9 +90,7 @@ class FrankaArm:
         self._errors = (pylibfranka.FrankaException, RuntimeError, ValueError)
         self._names = options.names
         self._payload = options.payload
-        self._longest_wait = 2.0 + options.longest_silence
         self._stamps = StampFilter()
-        self._stamp = -1.0
         self._control: Any = None
         """The motion that runs."""
         self._target: NDArray[np.float64] = np.zeros(0)
@@ -121,12 +122,7 @@ class FrankaArm:
             raise kind(f"libfranka: {text}") from None
 
     def read(self) -> ArmState | None:
-        """The newest state; None where none comes in time, or a motion has ended.
-
-        From one call to the next the system ends this process, unless it is in time: the library
-        may wait without end, and what watches may have ended as well.
-        """
-        signal.setitimer(signal.ITIMER_REAL, self._longest_wait)
+        """The newest state; None where none comes in time, or a motion has ended."""
         if not select.select([self._socket], [], [], WAIT)[0]:
             return None
         with self._explained():
@@ -136,13 +132,10 @@ class FrankaArm:
             except self._library.ControlException:
                 self._note_end()
                 return None
-        now = time.monotonic()
-        stamp = state.time.to_sec()
-        if stamp <= self._stamp or not self._stamps.fits(stamp, now):
-            raise ArmLostError("the robot's clock jumped: it was started anew, or sends nonsense")
-        self._stamp, self._state = stamp, state
+        stamp = self._stamps.translate(state.time.to_sec(), time.monotonic())
+        self._state = state
         return ArmState(
-            self._stamps.translate(stamp, now),
+            stamp,
             state.q,
             state.dq,
             self._find_program(),
@@ -167,13 +160,9 @@ class FrankaArm:
         if trouble is not None:
             errors = state.current_errors or state.last_motion_errors
             return f"the robot {trouble.format(errors=errors)}"
-        if not state.m_total <= self._payload + PAYLOAD_TOLERANCE:
-            return (
-                f"the robot carries {state.m_total:.3g} kg, and the monitor reckons with "
-                f"{self._payload:.3g} kg at most: state `payload` in the cell file"
-            )
-        if self._control is not None:
-            return ""
+        overload = describe_overload(state.m_total, self._payload)
+        if overload or self._control is not None:
+            return overload
         cause, self._cause = self._cause, ""
         return cause
 
@@ -202,7 +191,7 @@ class FrankaArm:
                 return
             command = library.JointPositions(step.q.tolist())
             is_there = np.abs(step.q - target).max() <= SAME_PLACE
-            is_resting = np.abs(step.v).max() <= REST_SPEED
+            is_resting = np.abs(step.v).max() <= SAME_SPEED
             command.motion_finished = bool(is_final and is_there and is_resting)
             self._control.writeOnce(command)
             self._sent = step
@@ -234,15 +223,7 @@ class FrankaArm:
 
 
 class FrankaProgramArm(FrankaArm):
-    """One that moves from waypoint to waypoint; see `ProgramArm`.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It speaks another version of the protocol.
-    """
+    """One that moves from waypoint to waypoint; see `ProgramArm`."""
 
     def __init__(self, options: DriveOptions) -> None:
         super().__init__(options)
@@ -299,15 +280,7 @@ class FrankaProgramArm(FrankaArm):
 
 
 class FrankaMotionArm(FrankaArm):
-    """One that follows positions; see `MotionArm`.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It speaks another version of the protocol.
-    """
+    """One that follows positions; see `MotionArm`."""
 
     @property
     def is_braking(self) -> bool:

@@ -20,6 +20,14 @@ _KEPT = 10_000
 """How many of the newest durations the percentiles are taken of."""
 
 
+def describe_delay(counts: Counts) -> str:
+    """How late stops were ordered, in words; empty where that was not measured."""
+    p99, most = counts.obeyed_p99, counts.obeyed_max
+    if p99 is None or most is None:
+        return ""
+    return f", ordered within p99 {1e3 * p99:.1f}, max {1e3 * most:.1f} ms"
+
+
 class Latencies:
     """Collects durations; each second they become a line."""
 
@@ -40,12 +48,11 @@ class Latencies:
             self.counts.longest_gap = gap
         self._published = stamp
 
-    def add_order(self, order: Order, verdict: Verdict | None) -> None:
+    def add_order(self, order: Order) -> None:
         """Count a stop that has just been ordered, if a verdict or its end is the cause."""
-        if verdict is not None and order.cause in ("STOP", "no valid verdict"):
-            was_silent = order.cause != "STOP"
-            since = verdict.valid_until if was_silent else verdict.stamp
-            self.add_stop(time.monotonic() - since, was_silent=was_silent)
+        if order.since is not None:
+            duration = time.monotonic() - order.since
+            self.add_stop(duration, was_silent=order.cause != "STOP")
 
     def add_stop(self, duration: float, *, was_silent: bool) -> None:
         """Count a stop that was ordered `duration` [s] after the tick, or the verdict's end."""
@@ -53,7 +60,7 @@ class Latencies:
         counts.stops += 1
         counts.silences += was_silent
         self._obeyed.append(duration)
-        counts.obeyed_max = max(counts.obeyed_max, duration)
+        counts.obeyed_max = max(counts.obeyed_max or 0.0, duration)
         counts.obeyed_p99 = float(np.percentile(self._obeyed, 99.0))
 
     def make_line(self, now: float, state: ArmState | None, verdict: Verdict | None) -> str:
@@ -74,8 +81,7 @@ class Latencies:
             words.append(f"age p50 {p50:.1f}, p99 {p99:.1f}, max {1e3 * max(ages):.1f} ms")
         words.append(f"{counts.verdicts - self._verdicts_before} verdicts")
         if counts.stops:
-            p99, most = 1e3 * counts.obeyed_p99, 1e3 * counts.obeyed_max
-            words.append(f"{counts.stops} stops, ordered within p99 {p99:.1f}, max {most:.1f} ms")
+            words.append(f"{counts.stops} stops{describe_delay(counts)}")
         if counts.silences > self._silences_before:
             words.append(f"{counts.silences - self._silences_before} without a valid verdict")
         if counts.commands > self._commands_before:

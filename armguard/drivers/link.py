@@ -42,9 +42,10 @@ class Counts(msgspec.Struct):
     """Of these, motions that came too late, or did not join the one before."""
     longest_gap: float = 0.0
     """Between two joint states, in [s]."""
-    obeyed_p99: float = 0.0
-    """Delay from the tick of a STOP to the order to the robot, in [s], 99th percentile."""
-    obeyed_max: float = 0.0
+    obeyed_p99: float | None = None
+    """Delay from the tick of a STOP to the order to the robot, in [s], 99th percentile; None: none
+    was measured, as behind a shield."""
+    obeyed_max: float | None = None
     """The slowest of these, in [s]."""
 
 

@@ -9,19 +9,24 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 import time
 
 from armguard.drivers.arm import Arm, ArmLostError, ArmState
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import DRIVING, Link
-from armguard.drivers.measurement import Measurement
+from armguard.drivers.link import DRIVING
 from armguard.drivers.moment import Conduct, Moment
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import Verdict
 
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
+
+ROUNDING = 1e-6
+"""By what a verdict may be valid for longer than is agreed before that is told, in [s]."""
+
+LONGEST_TURN = 2.0
+"""How long a turn may take beyond the longest silence, in [s]."""
 
 BEAT = 0.05
 """Between two signs of life, in [s]."""
@@ -33,39 +38,30 @@ class DriveLoop:
     Args:
         arm: Connected.
         conduct: Tells the arm what to do.
-        options: Of the driver.
+        session: That it is part of.
         publisher: Takes its states.
         reader: Has verdicts and commands.
-        latencies: Counts what is done.
-        link: To the process that watches.
-        measurement: Ends the loop when it is done; None: nothing does.
     """
 
     def __init__(
         self,
         arm: Arm,
         conduct: Conduct,
-        options: DriveOptions,
+        session: Session,
         publisher: Publisher,
         reader: VerdictReader,
-        latencies: Latencies,
-        link: Link,
-        measurement: Measurement | None = None,
     ) -> None:
         self._arm = arm
         self._conduct = conduct
-        self._options = options
         self._publisher = publisher
         self._reader = reader
-        self._latencies = latencies
-        self._link = link
-        self._measurement = measurement
+        self._options, self._latencies, self._link, self._measurement = session
         self._state: ArmState | None = None
         self._verdict: Verdict | None = None
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
-        self._is_silent = False
+        self._is_silent = self._has_doubted = False
 
     def run(self) -> None:
         """Drive until the measurement is done, if there is one.
@@ -83,11 +79,14 @@ class DriveLoop:
         Raises:
             ArmLostError: The arm cannot be driven any more.
         """
+        # From one turn to the next the system ends this process, unless it is in time: the robot's
+        # library may wait without end, and what watches may have ended as well.
+        signal.setitimer(signal.ITIMER_REAL, LONGEST_TURN + self._options.longest_silence)
         state = self._arm.read()
         verdict = self._reader.latest(WAIT if state is None else 0.0)
         now = time.monotonic()
-        self._latencies.counts.verdicts += verdict is not self._verdict
-        self._verdict = verdict
+        if verdict is not None and verdict is not self._verdict:
+            self._take_verdict(verdict)
         if state is not None:
             self._take(state, now)
         silence = now - self._read_at
@@ -106,6 +105,18 @@ class DriveLoop:
             )
         if now >= self._next_beat:
             self._report(now)
+
+    def _take_verdict(self, verdict: Verdict) -> None:
+        """Count a verdict, and tell of one that claims to be valid for too long."""
+        self._latencies.counts.verdicts += 1
+        self._verdict = verdict
+        claimed, agreed = verdict.valid_until - verdict.stamp, self._options.validity
+        if not (claimed <= agreed + ROUNDING or self._has_doubted):
+            self._has_doubted = True
+            self._link.tell(
+                f"verdicts claim to be valid for {1e3 * claimed:.3g} ms, and the cell file has "
+                f"{1e3 * agreed:.3g} ms, which counts: start the monitor with the same file"
+            )
 
     def _take(self, state: ArmState, now: float) -> None:
         """Publish a state, and tell of what is wrong with the robot."""

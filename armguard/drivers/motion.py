@@ -12,23 +12,23 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from armguard.drivers.arm import ArmLostError, MotionArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
+from armguard.drivers.arm import REST_SPEED, ArmLostError, MotionArm
 from armguard.drivers.moment import Moment
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 from armguard.messages.command import CommandMessage
 from armguard.messages.incoming import MessageError
+from armguard.streams.goal_intake import LONGEST_VELOCITY
 
 WAIT = 0.01
 """Between two states that an approach counts with, in [s], at most."""
 
-REST_SPEED = 0.01
-"""What joints at rest do not exceed, in [rad/s]."""
-
 REST_REACH = 0.05
 """How far a resting arm may be off a command that rests, in [rad], to take it up. The shield has
 seen the arm within its tracking error, or it would say "brake"."""
+
+QUIET = LONGEST_VELOCITY
+"""After a fault no goal moves the arm before there was none for so long, in [s]: as long as the
+velocity of a stream holds. Then the next one is sent by somebody who knows of the fault."""
 
 APPROACH = 0.01
 """How fast an arm that was off a command comes to it, in [rad/s]: less than tracking errors are."""
@@ -39,20 +39,14 @@ class MotionConduct:
 
     Args:
         arm: Follows positions.
-        options: Names of its joints, and how long it may take to brake.
-        latencies: Counts what is done.
-        link: Takes lines for people.
+        session: That it is part of.
     """
 
-    def __init__(
-        self, arm: MotionArm, options: DriveOptions, latencies: Latencies, link: Link
-    ) -> None:
+    def __init__(self, arm: MotionArm, session: Session) -> None:
         self._arm = arm
-        self._names = options.names
-        self._stop_within = options.stop_within
+        self._session = session
+        self._names = session.options.names
         self._braked_at = math.inf
-        self._latencies = latencies
-        self._link = link
         self._followed: CommandMessage | None = None
         self._order: NDArray[np.intp] = np.arange(0)
         """Where in the rows of the followed motion the robot's joints are."""
@@ -61,9 +55,12 @@ class MotionConduct:
         self._approached_at = 0.0
         self._seen: CommandMessage | None = None
         self._sequence = 0
-        self._barred: int | None = None
-        """Goal that was there before the arm could be driven: a person sends another one."""
+        self._goal: int | None = None
+        """The newest one."""
+        self._quiet_since = math.inf
+        """When the newest goal came, or what was before this began; inf: nothing has come."""
         self._is_barred = True
+        """Whether the newest goal is older than the end of a fault, or the beginning."""
         self._problem = ""
 
     def act(self, moment: Moment) -> None:
@@ -80,7 +77,7 @@ class MotionConduct:
         if not moment.is_new:
             return
         is_resting = max(map(abs, moment.state.v)) <= REST_SPEED
-        is_overdue = moment.now - self._braked_at > self._stop_within
+        is_overdue = moment.now - self._braked_at > self._session.options.stop_within
         if self._followed is None and not is_resting and is_overdue:
             raise ArmLostError("the arm does not brake")
         if self._arm.is_braking:
@@ -105,12 +102,9 @@ class MotionConduct:
 
     def _drop(self, moment: Moment) -> None:
         """Brake, and wait for another goal."""
-        command = moment.command
         if self._followed is not None:
             self._brake(moment)
         self._is_barred = True
-        if command is not None:
-            self._barred = command.goal
 
     def _consider(self, command: CommandMessage, moment: Moment) -> None:
         """Take up a new command, or brake where the motion that is followed is not proved.
@@ -118,15 +112,14 @@ class MotionConduct:
         Raises:
             MessageError: The command is malformed.
         """
-        counts = self._latencies.counts
+        counts = self._session.latencies.counts
         counts.commands += 1
         if command.sequence < self._sequence:
             self._complain("the shield was started anew: send it a goal")
             self._drop(moment)
+            self._quiet_since = math.inf
         self._sequence = command.sequence
-        if self._is_barred:
-            # The first command after a beginning or a fault: its goal is older.
-            self._is_barred, self._barred = False, command.goal
+        self._note_goal(command, moment)
         if sorted(command.names) != sorted(self._names):
             self._complain(f"a command is for other joints: {', '.join(command.names)}")
             return
@@ -139,9 +132,13 @@ class MotionConduct:
                 self._braked_at = min(self._braked_at, moment.now)
                 self._arm.brake()
             return
-        is_old = command.goal is None or command.goal == self._barred
+        is_old = command.goal is None or self._is_barred
         if moment.hindrance or self._arm.is_braking or (is_old and self._followed is None):
             return
+        samples = command.read()
+        is_finite = all(np.isfinite(values).all() for values in samples)
+        if not (is_finite and (np.diff(samples.times) > 0.0).all()):
+            raise MessageError("motion", "not finite or not rising", "numbers at times that rise")
         order = np.array([command.names.index(name) for name in self._names])
         if self._followed is not None:
             here, speeds, _ = self._followed.at(moment.now)
@@ -156,6 +153,22 @@ class MotionConduct:
             self._take_up(command, order, moment)
         elif not self._join_at_rest(command, order, here, moment):
             counts.missed += 1
+
+    def _note_goal(self, command: CommandMessage, moment: Moment) -> None:
+        """Note a new goal, and whether the arm may move for it."""
+        is_first = math.isinf(self._quiet_since)
+        if not (is_first or command.goal != self._goal):
+            return
+        was_quiet = moment.now - self._quiet_since >= QUIET
+        self._goal, self._quiet_since = command.goal, moment.now
+        if not self._is_barred or is_first or command.goal is None or moment.hindrance:
+            return
+        if was_quiet:
+            self._is_barred, self._problem = False, ""
+        else:
+            self._complain(
+                f"goals are not followed before none has come for {QUIET:g} s: pause their stream"
+            )
 
     def _join_at_rest(
         self,
@@ -190,4 +203,4 @@ class MotionConduct:
         """Tell of a problem once."""
         if problem != self._problem:
             self._problem = problem
-            self._link.tell(problem)
+            self._session.link.tell(problem)

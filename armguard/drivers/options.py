@@ -91,6 +91,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """How long the arm may move on after an order to pause, in [s]. Then it is stopped."""
     deceleration: float
     """Of that stop, in [rad/s²]."""
+    validity: float
+    """How long a verdict of the cell's monitor is valid, in [s]."""
     payload: float
     """What the monitor takes the arm to carry at most, in [kg]."""
     joints: str

@@ -8,19 +8,13 @@ from __future__ import annotations
 
 import math
 
-from armguard.drivers.arm import OverrideArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
-from armguard.drivers.measurement import Measurement
+from armguard.drivers.arm import REST_SPEED, OverrideArm
 from armguard.drivers.moment import Moment
 from armguard.drivers.obedience import Obedience, Order
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.session import Session
 
 REPEAT = 0.01
 """Between two numbers while no verdict comes, in [s]."""
-
-REST_SPEED = 0.01
-"""What joints at rest do not exceed, in [rad/s]."""
 
 BRAKE_INTERVAL = 0.5
 """Between two orders to brake while the arm does not stop, in [s]."""
@@ -31,26 +25,13 @@ class OverrideConduct:
 
     Args:
         arm: Takes it.
-        options: How long the arm may take to stop.
-        latencies: Counts what is done.
-        link: Takes lines for people.
-        measurement: Stops the arm on purpose; None: nothing does.
+        session: That it is part of.
     """
 
-    def __init__(
-        self,
-        arm: OverrideArm,
-        options: DriveOptions,
-        latencies: Latencies,
-        link: Link,
-        measurement: Measurement | None = None,
-    ) -> None:
+    def __init__(self, arm: OverrideArm, session: Session) -> None:
         self._arm = arm
-        self._stop_within = options.stop_within
-        self._latencies = latencies
-        self._link = link
-        self._measurement = measurement
-        self._obedience = Obedience()
+        self._session = session
+        self._obedience = Obedience(session.options.validity, session.measurement)
         self._order = Order(0.0)
         self._sent = 0
         """Number of the verdict by which the speed was sent last."""
@@ -61,11 +42,7 @@ class OverrideConduct:
     def act(self, moment: Moment) -> None:
         """Send the speed; brake by another way where the arm does not obey."""
         now, verdict = moment.now, moment.verdict
-        order = self._obedience.decide(verdict, now)
-        if self._measurement is not None and self._measurement.wants_stop(now):
-            order = Order(0.0, "measurement")
-        if moment.hindrance:
-            order = Order(0.0, order.cause or moment.hindrance)
+        order = self._obedience.decide(verdict, now, moment.hindrance)
         number = 0 if verdict is None else verdict.sequence
         if order.scale != self._order.scale or number != self._sent or now >= self._next_repeat:
             self._arm.set_speed(order.scale)
@@ -73,7 +50,7 @@ class OverrideConduct:
         must_stop = not order.scale > 0.0
         if must_stop and math.isinf(self._stopped_at):
             self._stopped_at = now
-            self._latencies.add_order(order, verdict)
+            self._session.latencies.add_order(order)
         elif not must_stop:
             self._stopped_at = math.inf
         self._order = order
@@ -86,12 +63,13 @@ class OverrideConduct:
         """See that the arm has stopped in time."""
         now = moment.now
         speed, waited = max(map(abs, moment.state.v)), now - self._stopped_at
-        if speed <= REST_SPEED or waited <= self._stop_within or now < self._next_brake:
+        is_in_time = waited <= self._session.options.stop_within
+        if speed <= REST_SPEED or is_in_time or now < self._next_brake:
             return
         self._next_brake = now + BRAKE_INTERVAL
-        self._latencies.counts.hard_stops += 1
+        self._session.latencies.counts.hard_stops += 1
         how = "braking it" if self._arm.stop() else "stop it by hand"
-        self._link.tell(
+        self._session.link.tell(
             f"the arm still moves at {speed:.2g} rad/s {waited:.2g} s after it was told to stop: "
             f"{how}"
         )

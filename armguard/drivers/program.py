@@ -8,16 +8,10 @@ from __future__ import annotations
 
 import math
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, Program, ProgramArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
-from armguard.drivers.measurement import Measurement
+from armguard.drivers.arm import LEAST_SCALE, REST_SPEED, ArmLostError, Program, ProgramArm
 from armguard.drivers.moment import Moment
 from armguard.drivers.obedience import Obedience, Order
-from armguard.drivers.options import DriveOptions
-
-REST_SPEED = 0.01
-"""What joints at rest do not exceed, in [rad/s]."""
+from armguard.drivers.session import Session
 
 PAUSE_INTERVAL = 0.1
 STOP_INTERVAL = 0.5
@@ -32,26 +26,13 @@ class ProgramConduct:
 
     Args:
         arm: Runs the program.
-        options: How fast at most, and how long it may take to stop.
-        latencies: Counts what is done.
-        link: Takes lines for people.
-        measurement: Stops the arm on purpose; None: nothing does.
+        session: That it is part of.
     """
 
-    def __init__(
-        self,
-        arm: ProgramArm,
-        options: DriveOptions,
-        latencies: Latencies,
-        link: Link,
-        measurement: Measurement | None = None,
-    ) -> None:
+    def __init__(self, arm: ProgramArm, session: Session) -> None:
         self._arm = arm
-        self._options = options
-        self._latencies = latencies
-        self._link = link
-        self._measurement = measurement
-        self._obedience = Obedience()
+        self._session, self._options = session, session.options
+        self._obedience = Obedience(session.options.validity, session.measurement)
         self._restarts = 0
         self._order = Order(0.0)
         self._ordered_at = self._agreed_at = self._state_at = -math.inf
@@ -62,11 +43,7 @@ class ProgramConduct:
     def act(self, moment: Moment) -> None:
         """Set the slider; pause the program, let it go on, or stop it."""
         now, state = moment.now, moment.state
-        order = self._obedience.decide(moment.verdict, now)
-        if self._measurement is not None and self._measurement.wants_stop(now):
-            order = Order(0.0, "measurement")
-        if moment.hindrance:
-            order = Order(0.0, order.cause or moment.hindrance)
+        order = self._obedience.decide(moment.verdict, now, moment.hindrance)
         if 0.0 < order.scale < LEAST_SCALE:
             # Slower than a program can run.
             order = Order(0.0, "a speed scale below the least")
@@ -91,14 +68,14 @@ class ProgramConduct:
         if self._obedience.restarts != self._restarts:
             self._restarts = self._obedience.restarts
             if self._is_pausing:
-                self._link.tell(
+                self._session.link.tell(
                     "the monitor was started anew: the program stays paused until a person "
                     "starts it"
                 )
             self._is_pausing = False
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
             self._ordered_at = self._agreed_at = moment.now
-            self._latencies.add_order(order, moment.verdict)
+            self._session.latencies.add_order(order)
         self._order = order
 
     def _confirm(self, order: Order, moment: Moment) -> None:
@@ -142,8 +119,8 @@ class ProgramConduct:
             return
         self._next_stop = now + STOP_INTERVAL
         self._is_pausing = False
-        self._latencies.counts.hard_stops += 1
-        self._link.tell(
+        self._session.latencies.counts.hard_stops += 1
+        self._session.link.tell(
             f"the arm, at {speed:.2g} rad/s, has not paused {waited:.2g} s after it was told to: "
             "stopping it, which ends its program"
         )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import signal
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -98,7 +97,6 @@ class Ros2Arm:
         self._names = options.names
         self._deceleration = options.deceleration
         self._timeout = options.timeout
-        self._longest_wait = 2.0 + options.longest_silence
         self._tell = tell
         self._told: dict[str, tuple[str, float]] = {}
         self._answers = AnswerMaker(find_type, int, options.model)
@@ -131,12 +129,7 @@ class Ros2Arm:
         self._reported: Level | None = None
 
     def read(self) -> ArmState | None:
-        """The newest state; obstacles that have come meanwhile go to the monitor.
-
-        From one call to the next the system ends this process, unless it is in time: what watches
-        may have ended as well.
-        """
-        signal.setitimer(signal.ITIMER_REAL, self._longest_wait)
+        """The newest state; obstacles that have come meanwhile go to the monitor."""
         self._take_transforms(self._standing, None)
         self._take_transforms(self._moving, self._read_stamp)
         for source in self._sources:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+from armguard.drivers.arm import ArmLostError
+
 DRIFT = 2e-4
 """By how much two clocks drift apart in a second, in [s], at most: 100 ppm each. Where they drift
 faster, stamps are too early, and states count as older than they are."""
@@ -22,14 +24,14 @@ class StampFilter:
     """Translates stamps; the stamp of a state is when it would have arrived by the least delay.
 
     So it is later than the measurement by the least delay, which `latency` of the cell file states.
+
+    Attributes:
+        newest: The newest stamp that was translated, in [s] of the robot's clock.
     """
 
     def __init__(self) -> None:
+        self.newest = -math.inf
         self._least, self._arrived = math.inf, math.inf
-
-    def fits(self, stamp: float, arrived: float) -> bool:
-        """Whether a stamp can be of the clock that the ones before were of."""
-        return math.isinf(self._least) or abs(arrived - stamp - self._least) <= LONGEST_DELAY
 
     def translate(self, stamp: float, arrived: float) -> float:
         """A stamp of the robot's clock in [s] of this machine's; never later than `arrived`.
@@ -37,7 +39,15 @@ class StampFilter:
         Args:
             stamp: Of the robot's clock, in [s].
             arrived: When it was read, in [s] of this machine's monotonic clock.
+
+        Raises:
+            ArmLostError: It cannot be of the clock that the ones before were of.
         """
+        is_first = math.isinf(self._least)
+        fits = is_first or abs(arrived - stamp - self._least) <= LONGEST_DELAY
+        if not (stamp > self.newest and fits):
+            raise ArmLostError("the robot's clock jumped: it was started anew, or sends nonsense")
+        self.newest = stamp
         grown = self._least + DRIFT * max(arrived - self._arrived, 0.0)
         self._least, self._arrived = min(grown, arrived - stamp), arrived
         return stamp + self._least

@@ -10,40 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armguard.drivers.arm import TrajectoryArm
-from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
 from armguard.drivers.motion import APPROACH, MotionConduct
-from armguard.drivers.options import DriveOptions
+from armguard.drivers.obedience import Obedience
+from armguard.drivers.session import Session
 from armguard.messages.command import SAME_PLACE, CommandMessage
 
 Array = NDArray[np.float64]
 
 
 class TrajectoryConduct(MotionConduct):
-    """Sends the commands of one shield as trajectories; see `Conduct`.
+    """Sends the commands of one shield as trajectories; see `Conduct`."""
 
-    Args:
-        arm: Follows trajectories.
-        options: Names of its joints, and how long it may take to brake.
-        latencies: Counts what is done.
-        link: Takes lines for people.
-    """
-
-    def __init__(
-        self, arm: TrajectoryArm, options: DriveOptions, latencies: Latencies, link: Link
-    ) -> None:
-        super().__init__(arm, options, latencies, link)
+    def __init__(self, arm: TrajectoryArm, session: Session) -> None:
+        super().__init__(arm, session)
         self._sender = arm
+        self._obedience = Obedience(session.options.validity)
 
     def act(self, moment: Moment) -> None:
         """Follow, take up, or brake, and show the verdict."""
         super().act(moment)
-        verdict = moment.verdict
-        is_valid = verdict is not None and moment.now <= verdict.valid_until
-        says_why = is_valid and not moment.hindrance
-        problem = moment.hindrance or "no valid verdict"
-        self._sender.report(verdict if says_why else None, problem)
+        cause = moment.hindrance or self._obedience.decide(moment.verdict, moment.now).cause
+        self._sender.report(moment.verdict if cause in ("", "STOP") else None, cause)
 
     def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
         before = self._followed
@@ -79,11 +67,10 @@ def make_points(
         return samples.times, samples.q[:, order], samples.v[:, order]
     ends = since + np.abs(offset) / APPROACH
     times = np.union1d(samples.times, ends[ends > 0.0])
-    rows = [command.at(command.stamp + time)[:2] for time in times]
+    q, v, _ = command.at(command.stamp + times)
     gone = APPROACH * np.maximum(times - since, 0.0)[:, None]
     # At its own end an offset is nothing, whatever rounding leaves of it: the arm must rest there.
     is_left = gone < np.abs(offset) - SAME_PLACE * APPROACH
     rest = np.where(is_left, offset - np.clip(offset, -gone, gone), 0.0)
-    q = np.array([row[0] for row in rows])[:, order] + rest
     slope = -APPROACH * np.sign(rest) * (times >= since)[:, None]
-    return times, q, np.array([row[1] for row in rows])[:, order] + slope
+    return times, q[:, order] + rest, v[:, order] + slope

@@ -11,13 +11,20 @@ need not be set.
 from __future__ import annotations
 
 import contextlib
-import signal
+import re
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-from armguard.drivers.arm import LEAST_SCALE, ArmLostError, ArmState, Program, WrongArmError
+from armguard.drivers.arm import (
+    LEAST_SCALE,
+    ArmLostError,
+    ArmState,
+    Program,
+    WrongArmError,
+    describe_overload,
+)
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
@@ -31,6 +38,9 @@ JOINTS = (
     "wrist_3_joint",
 )
 """Names of the joints in the maker's descriptions, in the controller's order."""
+
+CB_SERIES = ("UR3", "UR5", "UR10")
+"""Models before the e-Series, whose software is of a version below 5; no other model has that."""
 
 VARIABLES = [
     "timestamp",
@@ -52,9 +62,6 @@ FULL_SCALE = 0.999
 
 STOP_DECELERATION = 10.0
 """Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
-
-PAYLOAD_TOLERANCE = 0.001
-"""By how much the controller's payload may exceed the cell's, in [kg]."""
 
 _RUNNING = 7
 
@@ -112,9 +119,7 @@ class UrArm:
         self._host = options.host
         self._deceleration = options.deceleration
         self._payload = options.payload
-        self._longest_wait = 2.0 + options.longest_silence
         self._stamps = StampFilter()
-        self._timestamp = -1.0
         with contextlib.ExitStack() as opened:
             self._dashboard = Dashboard(options.host)
             opened.callback(self._dashboard.close)
@@ -127,10 +132,19 @@ class UrArm:
             opened.pop_all()
 
     def _check_dashboard(self, options: DriveOptions) -> None:
-        model = self._dashboard.ask("get robot model")
-        # Controllers of the e-Series leave out the "e".
-        if model.rstrip("e").upper() != options.model.rstrip("e").upper():
-            raise WrongArmError(f"the robot at {options.host} is a {model}, no {options.model}")
+        model, version = map(self._dashboard.ask, ("get robot model", "PolyscopeVersion"))
+        major = re.match(r"URSoftware (\d+)\.", version)
+        if major is None:
+            raise ArmLostError(f"the robot does not tell the version of its software: {version!r}")
+        # Controllers of the e-Series leave out the "e"; their software tells them from the others.
+        is_old = int(major[1]) < 5
+        wanted = options.model.upper()
+        if model.upper().removesuffix("E") != wanted.removesuffix("E") or is_old != (
+            wanted in CB_SERIES
+        ):
+            raise WrongArmError(
+                f"the robot at {options.host} is a {model} with {version}, no {options.model}"
+            )
         answer = self._dashboard.ask("is in remote control")
         # Controllers of the CB series know no such mode, and do not understand.
         if answer.lower() == "false":
@@ -144,12 +158,7 @@ class UrArm:
         return rtde_receive.RTDEReceiveInterface(options.host, options.rate, VARIABLES)
 
     def read(self) -> ArmState | None:
-        """The newest state; None where there is none that was not read before.
-
-        From one call to the next the system ends this process, unless it is in time: the library
-        may wait without end, and what watches may have ended as well.
-        """
-        signal.setitimer(signal.ITIMER_REAL, self._longest_wait)
+        """The newest state; None where there is none that was not read before."""
         receive = self._receive
         try:
             if not receive.isConnected():
@@ -157,20 +166,18 @@ class UrArm:
             # Its values are read one by one: the same stamp before and after says that they
             # belong together.
             stamp = receive.getTimestamp()
-            if stamp == self._timestamp:
+            if stamp == self._stamps.newest:
                 return None
             q, v = receive.getActualQ(), receive.getActualQd()
             modes = receive.getRobotMode(), receive.getSafetyMode()
-            program = _PROGRAMS.get(receive.getRuntimeState(), Program.STOPPED)
+            # Of a state that is not known the worst is assumed.
+            program = _PROGRAMS.get(receive.getRuntimeState(), Program.RUNNING)
             scale, payload = receive.getTargetSpeedFraction(), receive.getPayload()
             now = time.monotonic()
             if receive.getTimestamp() != stamp:
                 return None
         except RuntimeError as error:
             raise _explain(error) from None
-        if stamp < self._timestamp or not self._stamps.fits(stamp, now):
-            raise ArmLostError("the robot's clock jumped: it was started anew, or sends nonsense")
-        self._timestamp = stamp
         trouble = self._find_trouble(*modes, payload)
         return ArmState(self._stamps.translate(stamp, now), q, v, program, trouble, scale)
 
@@ -179,24 +186,11 @@ class UrArm:
             return f"the robot {_SAFETY_MODES.get(safety, f'is in safety mode {safety}')}"
         if mode != _RUNNING:
             return f"the robot {_ROBOT_MODES.get(mode, f'is in mode {mode}')}: switch it on"
-        if not payload <= self._payload + PAYLOAD_TOLERANCE:
-            return (
-                f"the robot carries {payload:.3g} kg, and the monitor reckons with "
-                f"{self._payload:.3g} kg at most: state `payload` in the cell file"
-            )
-        return ""
+        return describe_overload(payload, self._payload)
 
 
 class UrProgramArm(UrArm):
-    """One that its own program moves; see `ProgramArm`.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It is not the one of the cell file.
-    """
+    """One that its own program moves; see `ProgramArm`."""
 
     def _connect(self, options: DriveOptions) -> Any:
         import rtde_io
@@ -235,23 +229,20 @@ class UrProgramArm(UrArm):
             raise ArmLostError("no script reaches the robot: stop it by hand")
 
     def leave(self) -> None:
-        """Pause the program, and wait until the controller has read that."""
+        """Pause the program, unless none runs, and wait until the controller has read that."""
         self.scale(LEAST_SCALE)
         self._dashboard.read_answers()
-        self._dashboard.ask("pause")
+        answer = self._dashboard.ask("pause")
+        if answer.startswith("Pausing"):
+            return
+        if self._dashboard.ask("running").lower() != "program running: false":
+            raise ArmLostError(f"the robot does not pause its program: {answer}")
 
 
 class UrMotionArm(UrArm):
     """One that follows positions by `servoJ`, in the library's own program; see `MotionArm`.
 
     The controller ends that program where nothing has come from here for the longest silence.
-
-    Args:
-        options: Which one.
-
-    Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
-        WrongArmError: It is not the one of the cell file.
     """
 
     def _connect(self, options: DriveOptions) -> Any:

@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 
 import msgspec
@@ -39,6 +40,9 @@ _LIBRARIES = {
     "ros2": ("cyclonedds", "cyclonedds", "dds"),
 }
 """By driver: its library, a module of that, and the extra that brings it."""
+
+_TOLD = 100
+"""How many different lines of processes that connect are told once."""
 
 _WAIT = 0.05
 _LONGEST_LINE = 65536
@@ -162,7 +166,7 @@ def watch(
     """
     report = Report(Counts())
     end = time.monotonic() + duration
-    told: set[str] = set()
+    told: deque[str] = deque(maxlen=_TOLD)
     # A person's start acknowledges what was before it, and nothing that has happened since.
     is_first = options.is_first
 
@@ -202,7 +206,7 @@ def _attend(
     options: DriveOptions,
     report: Report,
     tell: Callable[[str], None],
-    told: set[str],
+    told: deque[str],
     is_over: Callable[[], bool],
 ) -> int:
     """Attend one process until it ends, by itself or from here. Returns its exit code."""
@@ -217,21 +221,21 @@ def _attend(
             driver.process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 driver.process.wait(END_TIMEOUT)
-            if driver.process.returncode is None:
-                driver.process.kill()
-                _stop(options, "the driver's process does not end", tell)
             break
-    else:
-        if driver.process.returncode not in (0, WRONG_ARM, LOST):
-            # Nothing else can stop the arm now.
-            how = "while it drove" if driver.is_driving else "while it connected"
-            cause = f"the driver's process has ended by itself {how}"
-            if driver.process.returncode == -signal.SIGALRM:
-                cause += ", since the robot did not answer the client library"
-            _stop(options, cause, tell)
+    code = driver.process.returncode
+    if code is None:
+        driver.process.kill()
+        _stop(options, "the driver's process does not end", tell)
+    elif code not in (0, WRONG_ARM, LOST):
+        # Nothing else can stop the arm now, also where it was told to end.
+        how = "while it drove" if driver.is_driving else "while it connected"
+        cause = f"the driver's process has ended by itself {how}"
+        if code == -signal.SIGALRM:
+            cause += ", since the robot did not answer the client library"
+        _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
-    return 0 if driver.process.returncode is None else driver.process.returncode
+    return code or 0
 
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
@@ -245,7 +249,7 @@ def _take(
     text: str,
     report: Report,
     tell: Callable[[str], None],
-    told: set[str],
+    told: deque[str],
 ) -> None:
     """Take a line of the driver's; of lines that are told again and again one is enough."""
     if word == DRIVING:
@@ -261,12 +265,18 @@ def _take(
         report.problem, report.measured = (measured, "") if failed else ("", measured)
     elif word == WRONG:
         driver.problem = text
-    elif word == TELL and (driver.is_driving or text not in told):
-        told.add(text)
+    elif word == TELL:
+        if not driver.is_driving:
+            if text in told:
+                return
+            told.append(text)
         tell(text)
 
 
 def _add(total: Counts, part: Counts) -> None:
     for name in total.__struct_fields__:
         mine, other = getattr(total, name), getattr(part, name)
-        setattr(total, name, mine + other if isinstance(mine, int) else max(mine, other))
+        if isinstance(other, int):
+            setattr(total, name, mine + other)
+        elif other is not None:
+            setattr(total, name, max(mine or 0.0, other))

@@ -88,20 +88,21 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
             *(to_rows(name, values, width, count) for name, values in rows),
         )
 
-    def at(self, time: float) -> tuple[NDArray[np.float64], ...]:
+    def at(self, time: ArrayLike) -> tuple[NDArray[np.float64], ...]:
         """Where the arm is to be at a time; before its beginning and after its end it rests there.
 
         Args:
-            time: In [s] of the machine's monotonic clock; there must be samples.
+            time: In [s] of the machine's monotonic clock; there must be samples. Shape (...).
 
         Returns:
             Positions, velocities and accelerations, in [rad] or [m], and by [s] and [s²]. Shape
-            (nv,) each.
+            (..., nv) each.
         """
         times, q, v, a = self.read()
-        k = min(max(int(np.searchsorted(times, time - self.stamp)), 1), len(times) - 1)
-        h = times[k] - times[k - 1]
-        u = min(max((time - self.stamp - times[k - 1]) / h, 0.0), 1.0)
+        since = np.asarray(time, float)[..., None] - self.stamp
+        k = np.clip(np.searchsorted(times, since[..., 0]), 1, len(times) - 1)
+        h = (times[k] - times[k - 1])[..., None]
+        u = np.clip((since - times[k - 1][..., None]) / h, 0.0, 1.0)
         # Cubic Hermite, as the motion was proved.
         way, first, last = q[k] - q[k - 1], h * v[k - 1], h * v[k]
         square, cube = 3.0 * way - 2.0 * first - last, first + last - 2.0 * way

@@ -4,6 +4,7 @@ import pytest
 
 from armguard.app.cli import Drive, main
 from armguard.app.drive import make_options
+from armguard.drivers.ur import JOINTS
 from armguard.exceptions import ArmguardError
 
 CELL = """
@@ -13,6 +14,7 @@ name = "ur5e"
 {driver}
 """
 DRIVER = '[robot.driver]\nname = "ur"\nhost = "127.0.0.1"\nmodel = "UR5e"\n'
+FR3 = '[robot.driver]\nname = "franka"\nhost = "127.0.0.1"\nwaypoints = []\n'
 
 
 def refuse(tmp_path, capsys, *words, driver=DRIVER):
@@ -37,6 +39,10 @@ def refuse(tmp_path, capsys, *words, driver=DRIVER):
         (DRIVER + "deceleration = -1.0", "robot.driver.deceleration"),
         (DRIVER + "colour = 1", "colour"),
         (DRIVER + 'joints = ["a", "b"]', "robot.driver.joints: has a, b, and the monitor watches"),
+        (DRIVER + f"joints = {list(reversed(JOINTS))}", "has wrist_3_joint, wrist_2_joint"),
+        (DRIVER.replace("UR5e", "UR5"), "model: is 'UR5', and the monitor watches a 'ur5e'"),
+        (DRIVER.replace("UR5e", "UR10e"), "model: is 'UR10e', and the monitor watches a 'ur5e'"),
+        (FR3 + f"joints = {list(JOINTS)}", "model: is 'FR3', and the monitor watches a 'ur5e'"),
     ],
 )
 def test_what_a_cell_file_says_wrong_is_one_line(tmp_path, capsys, driver, said):
@@ -101,6 +107,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     assert options.franka.accelerations == pytest.approx([3.0, 1.5, 2.0, 2.5, 3.0, 4.0, 4.0])
     assert options.franka.waypoints == (tuple(THERE), tuple(ELSEWHERE))
     assert options.franka.contact_force == 120.0
+    assert options.validity == pytest.approx(0.003)
     assert options.is_first
     assert not make_options(Drive(cell, again=True)).is_first
 
@@ -145,6 +152,22 @@ PEOPLE = "'people_msgs/msg/People'\n"
 )
 def test_what_a_cell_file_says_wrong_of_a_graph_is_one_line(tmp_path, capsys, driver, said):
     assert said in refuse(tmp_path, capsys, driver=driver)
+
+
+SHIELD = "[monitor]\nmotion = 'planned'\n[shield]\njerk = 500.0\n"
+
+
+@pytest.mark.parametrize(
+    ("driver", "words", "said"),
+    [
+        (DRIVER + SHIELD, ["--measure"], "--measure: is given beside [shield]"),
+        (ROS2 + SHIELD, ["--measure"], "--measure: is given beside [shield]"),
+        (DRIVER + "speed = 0.5\n" + SHIELD, [], "robot.driver.speed: is 0.5 beside [shield]"),
+        (FR3 + "speed = 0.5\n" + SHIELD, [], "robot.driver.speed: is 0.5 beside [shield]"),
+    ],
+)
+def test_what_a_shield_makes_void_is_refused(tmp_path, capsys, driver, words, said):
+    assert said in refuse(tmp_path, capsys, *words, driver=driver)
 
 
 @pytest.mark.parametrize("key", ["speed = -1.0", "haste = 1.0"])

@@ -100,7 +100,6 @@ class Bench:
     def __init__(self, monkeypatch, **changes):
         monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
         monkeypatch.setattr(module, "Publisher", Kept)
-        monkeypatch.setattr(module.signal, "setitimer", lambda *_: None)
         domain = find_domain()
         self.lines = []
         self.arm = Ros2Arm(make_options(domain, **changes), self.lines.append)

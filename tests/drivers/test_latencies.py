@@ -31,6 +31,13 @@ def test_a_line_a_second_says_what_the_second_was_like():
     assert latencies.make_line(2.0, None, None).startswith("0 states; 0 verdicts; 2 stops")
 
 
+def test_stops_that_were_not_timed_have_no_percentiles():
+    latencies = Latencies(0.0)
+    latencies.counts.stops = 3  # as behind a shield
+    assert "3 stops; no verdict yet" in latencies.make_line(1.0, None, None)
+    assert latencies.counts.obeyed_p99 is None
+
+
 def test_counts_have_the_longest_gap_and_the_slowest_stop():
     latencies = Latencies(0.0)
     for stamp in (0.0, 0.002, 0.05, 0.052):

@@ -1,15 +1,18 @@
 """What the loop does, whatever tells the arm what to do."""
 
+import math
 import os
 import time
 
 import msgspec
 import pytest
 
+from armguard.drivers import loop as driving
 from armguard.drivers.arm import ArmLostError
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import DRIVING, Link
 from armguard.drivers.loop import DriveLoop
+from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm, FakeStreams
@@ -26,11 +29,12 @@ class Witness:
 
 
 @pytest.fixture
-def made():
+def made(monkeypatch):
+    monkeypatch.setattr(driving.signal, "setitimer", lambda *_: None)
     reading, writing = os.pipe()
     arm, streams, witness, link = FakeArm(), FakeStreams(), Witness(), Link(writing)
-    latencies = Latencies(time.monotonic())
-    loop = DriveLoop(arm, witness, OPTIONS, streams, streams, latencies, link)
+    session = Session(OPTIONS, Latencies(time.monotonic()), link)
+    loop = DriveLoop(arm, witness, session, streams, streams)
     yield arm, streams, witness, loop, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
     os.close(writing)
@@ -69,6 +73,15 @@ def test_trouble_is_told_when_it_changes(made):
     assert told == ["it burns", "it is wet", "the robot can be driven again"]
 
 
+@pytest.mark.parametrize(("validity", "is_told"), [(1.0, False), (3.0, True), (math.nan, True)])
+def test_verdicts_that_claim_more_than_is_agreed_are_told_once(made, validity, is_told):
+    _, streams, _, loop, read = made
+    streams.validity = validity
+    for _ in range(5):
+        loop.turn()
+    assert read().count("and the cell file has 2e+03 ms") == is_told
+
+
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_not_finite_is_not_published(made, bad):
     arm, streams, _, loop, _ = made
@@ -82,9 +95,8 @@ def test_it_ends_with_the_process_that_started_it(made):
     arm, streams, witness, _, _ = made
     reading, writing = os.pipe()
     orphan = msgspec.structs.replace(OPTIONS, parent=1)
-    loop = DriveLoop(
-        arm, witness, orphan, streams, streams, Latencies(time.monotonic()), Link(writing)
-    )
+    session = Session(orphan, Latencies(time.monotonic()), Link(writing))
+    loop = DriveLoop(arm, witness, session, streams, streams)
     with pytest.raises(KeyboardInterrupt):
         loop.run()
     os.close(reading)

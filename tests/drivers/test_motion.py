@@ -11,7 +11,8 @@ from armguard.drivers.arm import ArmLostError, ArmState, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
-from armguard.drivers.motion import APPROACH, MotionConduct
+from armguard.drivers.motion import APPROACH, QUIET, MotionConduct
+from armguard.drivers.session import Session
 from armguard.messages.command import CommandMessage, pack
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeMotionArm
@@ -26,7 +27,8 @@ class Made:
         self.arm = FakeMotionArm(HOME)
         self.latencies = Latencies(0.0)
         options = msgspec.structs.replace(OPTIONS, names=NAMES, stop_within=0.5)
-        self.conduct = MotionConduct(self.arm, options, self.latencies, Link(writing))
+        session = Session(options, self.latencies, Link(writing))
+        self.conduct = MotionConduct(self.arm, session)
         self.now, self.newest = 100.0, None
 
     def act(self, newest=None, after=0.002, hindrance="", trouble=""):
@@ -38,9 +40,14 @@ class Made:
     def begin(self, goal=2, **changes):
         """Goal 1 is there before the driver; then comes another one."""
         self.act(command(self.now, 1, goal=1))
+        self.wait()
         one = command(self.now + 0.002, 2, goal=goal, **changes)
         self.act(one)
         return one
+
+    def wait(self):
+        """No goal comes for a while."""
+        self.act(after=QUIET)
 
     def read(self):
         os.set_blocking(self._reading, False)
@@ -114,17 +121,52 @@ def test_a_motion_that_begins_elsewhere_moves_no_resting_arm(made):
     assert made.arm.followed == []
 
 
-def test_a_motion_that_ends_in_nothing_is_braked(made):
+def spoil(one, name, row, value):
+    """The same command with one number, or one row, in place of another."""
+    rows = np.frombuffer(getattr(one, name)).reshape(len(one.times) // 8, -1).copy()
+    rows[row] = value
+    return msgspec.structs.replace(one, **{name: pack(rows)})
+
+
+@pytest.mark.parametrize("is_moving", [False, True])
+@pytest.mark.parametrize(
+    ("name", "row", "value"),
+    [
+        ("times", slice(100, 102), 0.25),
+        ("times", 199, 0.1),
+        ("times", 199, float("nan")),
+        ("q", 199, float("nan")),
+        ("v", 150, float("inf")),
+        ("a", 199, float("-inf")),
+    ],
+)
+def test_a_motion_that_is_none_in_its_end_is_not_begun(made, is_moving, name, row, value):
+    if is_moving:
+        one = made.begin()
+        made.act(spoil(command(made.now + 0.002, 3, begun=one.stamp), name, row, value))
+    else:
+        made.act(command(made.now, 1, goal=1))
+        made.wait()
+        made.act(spoil(command(made.now + 0.002, 2), name, row, value))
+    assert "tell a command cannot be read: motion is not finite or not rising" in made.read()
+    before = len(made.arm.followed)
+    for _ in range(600):
+        made.act()
+    assert "brake" not in made.arm.orders
+    if is_moving:
+        assert made.arm.q[0] == pytest.approx(HOME[0] + SPEED * DURATION), "along the one before"
+    else:
+        assert before == len(made.arm.followed) == 0
+
+
+def test_a_motion_whose_numbers_are_too_great_is_braked(made):
     one = made.begin()
-    bad = command(made.now + 0.002, 3, begun=one.stamp)
-    q = np.frombuffer(bad.q).reshape(-1, 6).copy()
-    times = np.frombuffer(bad.times).copy()
-    times[100:102] = times[100]
-    made.act(msgspec.structs.replace(bad, q=pack(q), times=pack(times)))
+    made.act(spoil(command(made.now + 0.002, 3, begun=one.stamp), "q", slice(150, 200), 1e308))
     with np.errstate(all="ignore"):
-        for _ in range(300):
+        for _ in range(600):
             made.act()
     assert np.isfinite(made.arm.followed).all()
+    assert made.arm.orders.count("brake") == 1
 
 
 def test_joints_may_stand_in_any_order(made):
@@ -162,6 +204,7 @@ def test_an_arm_that_rests_off_a_resting_command_is_led_to_it_slowly(made, is_ne
     if is_new:
         made.arm.q = list(HOME + off)
         made.act(command(made.now, 1, goal=1))
+        made.wait()
         rest = HOME
     else:
         one = made.begin()
@@ -183,6 +226,7 @@ def test_an_arm_that_rests_off_a_resting_command_is_led_to_it_slowly(made, is_ne
 def test_an_arm_that_rests_far_off_is_led_nowhere(made):
     made.arm.q = list(HOME + 0.06)
     made.act(command(made.now, 1, goal=1))
+    made.wait()
     for k in range(20):
         made.act(command(made.now + 0.002, 3 + k, moving=False))
     assert made.arm.followed == []
@@ -224,8 +268,44 @@ def test_after_trouble_it_waits_for_another_goal(made, kind):
     for k in range(10):
         made.act(command(made.now + 0.002, 3 + k, goal=2))
     assert len(made.arm.followed) == before
+    made.wait()
     made.act(command(made.now + 0.002, 20, goal=3))
     assert len(made.arm.followed) == before + 1
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("fault", ["beginning", "hindrance", "restart"])
+def test_a_stream_of_goals_moves_nothing_after_a_fault_before_it_pauses(made, fault):
+    sequence = 1000
+    if fault != "beginning":
+        made.begin(goal=2)
+        made.act(command(made.now + 0.002, 3, goal=3), hindrance="protective stop")
+        assert made.arm.orders.count("brake") == 1
+        made.arm.q = list(HOME)
+        if fault == "restart":
+            made.wait()
+            sequence = 1
+    before, _ = len(made.arm.followed), made.read()
+    for k in range(300):
+        made.act(command(made.now + 0.01, sequence + k, goal=4 + k), after=0.01)
+    assert len(made.arm.followed) == before
+    assert made.read().count("pause their stream") == 1
+    made.wait()
+    made.act(command(made.now + 0.002, 2000, goal=999))
+    made.act(command(made.now + 0.002, 2001, goal=1000, begun=made.now))
+    assert len(made.arm.followed) == before + 2, "from then on a stream is followed"
+
+
+def test_a_goal_that_comes_during_a_fault_moves_nothing_after_it(made):
+    made.begin(goal=2)
+    made.act(hindrance="protective stop")
+    made.wait()
+    made.arm.q = list(HOME)
+    made.act(command(made.now + 0.002, 3, goal=3), hindrance="protective stop")
+    before = len(made.arm.followed)
+    for k in range(10):
+        made.act(command(made.now + 0.2, 4 + k, goal=3), after=0.2)
+    assert len(made.arm.followed) == before
 
 
 @pytest.mark.hazard("H-24")
@@ -238,6 +318,7 @@ def test_a_shield_that_was_started_anew_needs_another_goal(made):
     before = len(made.arm.followed)
     made.act(command(made.now + 0.002, 2, goal=7))
     assert len(made.arm.followed) == before
+    made.wait()
     made.act(command(made.now + 0.002, 3, goal=8))
     assert len(made.arm.followed) == before + 1
 
@@ -247,6 +328,7 @@ def test_without_a_goal_nothing_moves(made):
     for k in range(10):
         made.act(command(made.now + 0.002, 2 + k, goal=None))
     assert made.arm.followed == []
+    made.wait()
     made.act(command(made.now + 0.002, 20, goal=1))
     assert made.arm.followed
 

@@ -8,29 +8,54 @@ from armguard.drivers.obedience import Obedience, Order
 from armguard.verdict import Level
 from support.verdict_samples import verdict
 
+AGREED = 0.05
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
 
 @pytest.mark.hazard("H-08")
 @given(
     st.sampled_from(Level),
-    st.floats(allow_nan=True, allow_infinity=True),
-    st.floats(allow_nan=True, allow_infinity=True),
+    ANY,
+    ANY | st.floats(0.0, 1e6),
+    ANY | st.floats(0.0, 1e6),
     st.floats(0.0, 1e6),
+    st.floats(0.0, 2.0 * AGREED),
 )
-def test_nothing_moves_without_a_verdict_that_is_valid_and_allows_it(level, scale, until, now):
-    order = Obedience().decide(verdict(level, speed_scale=scale, valid_until=until), now)
-    allowed = level is not Level.STOP and now <= until and 0.0 < scale <= 1.0
-    assert order.scale == (scale if allowed else 0.0)
-    assert bool(order.cause) != allowed
+def test_nothing_moves_without_a_verdict_that_is_valid_and_allows_it(
+    level, scale, stamp, until, now, after
+):
+    obedience = Obedience(AGREED)
+    one = verdict(level, speed_scale=scale, stamp=stamp, valid_until=until)
+    for time in (now, now + after):
+        order = obedience.decide(one, time)
+        is_valid = time <= until and time <= stamp + AGREED and time <= now + AGREED
+        allowed = level is not Level.STOP and is_valid and 0.0 < scale <= 1.0
+        assert order.scale == (scale if allowed else 0.0)
+        assert bool(order.cause) != allowed
+        assert (order.since is None) == allowed
+        assert is_valid or order.since <= time
+    assert obedience.decide(one, now, "trouble").scale == 0.0
+
+
+def test_a_verdict_that_claims_to_be_valid_for_too_long_expires_when_it_was_agreed():
+    obedience = Obedience(AGREED)
+    one = verdict(Level.CLEAR, speed_scale=1.0, stamp=10.0, valid_until=math.inf)
+    assert obedience.decide(one, 10.04).scale == 1.0
+    assert obedience.decide(one, 10.06) == Order(0.0, "no valid verdict", 10.05)
+    ahead = verdict(Level.CLEAR, speed_scale=1.0, stamp=1e9, valid_until=1e9)
+    assert obedience.decide(ahead, 11.0).scale == 1.0
+    assert obedience.decide(ahead, 11.06).cause == "no valid verdict"
 
 
 def test_before_the_first_verdict_it_stands():
-    assert Obedience().decide(None, 0.0) == Order(0.0, "no verdict yet")
+    assert Obedience(AGREED).decide(None, 0.0) == Order(0.0, "no verdict yet")
 
 
 @pytest.mark.parametrize("level", Level)
 def test_silence_and_stop_are_told_apart(level):
-    obedience = Obedience()
-    one = verdict(level, speed_scale=1.0, valid_until=2.0)
+    obedience = Obedience(1.0)
+    one = verdict(level, speed_scale=1.0, stamp=1.5, valid_until=2.0)
     assert obedience.decide(one, 2.1).cause == "no valid verdict"
     assert obedience.decide(one, 1.9).cause == ("STOP" if level is Level.STOP else "")
     assert obedience.decide(one._replace(valid_until=math.nan), 1.9).cause == "no valid verdict"
@@ -38,7 +63,7 @@ def test_silence_and_stop_are_told_apart(level):
 
 @pytest.mark.hazard("H-24")
 def test_a_monitor_that_counts_from_the_beginning_is_another_one():
-    obedience = Obedience()
+    obedience = Obedience(AGREED)
     for sequence in (5, 6, 6, 9, 200):
         obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
     assert obedience.restarts == 0

@@ -11,6 +11,7 @@ from armguard.drivers.link import Link
 from armguard.drivers.measurement import Measurement
 from armguard.drivers.moment import Moment
 from armguard.drivers.override import REPEAT, OverrideConduct
+from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
 from support.verdict_samples import verdict
@@ -28,7 +29,8 @@ class Made:
         self._reading, writing = os.pipe()
         self.latencies = Latencies(0.0)
         options = msgspec.structs.replace(OPTIONS, stop_within=0.5)
-        self.conduct = OverrideConduct(self, options, self.latencies, Link(writing), measurement)
+        session = Session(options, self.latencies, Link(writing), measurement)
+        self.conduct = OverrideConduct(self, session)
 
     def set_speed(self, scale):
         self.sent.append((self.now, scale))

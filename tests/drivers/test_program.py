@@ -12,6 +12,7 @@ from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.loop import DriveLoop
 from armguard.drivers.program import RESUME_DELAY, ProgramConduct
+from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support import fake_arms
 from support.driven_cell import OPTIONS
@@ -23,14 +24,15 @@ def made(monkeypatch):
     clock = FakeClock()
     for module in (driving, counting, fake_arms):
         monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(driving.signal, "setitimer", lambda *_: None)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
     latencies = Latencies(clock.now)
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
-    conduct = ProgramConduct(arm, options, latencies, link)
-    loop = DriveLoop(arm, conduct, options, streams, streams, latencies, link)
+    session = Session(options, latencies, link)
+    loop = DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams)
 
     def turn(seconds):
         end = clock.now + seconds

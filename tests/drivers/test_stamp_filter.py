@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armguard.drivers.arm import ArmLostError
 from armguard.drivers.stamp_filter import DRIFT, StampFilter
 
 PERIOD = 0.002
@@ -53,10 +54,12 @@ def test_a_stream_that_lags_more_and_more_is_never_stamped_as_fresh():
         assert stamp <= measured + 0.0005 + DRIFT * arrived + 1e-9
 
 
-def test_another_clock_does_not_fit():
+def test_another_clock_or_one_that_goes_back_is_refused():
     stamps = StampFilter()
-    assert stamps.fits(7.0, 100.0), "nothing is known of the first one"
-    stamps.translate(7.0, 100.0)
-    assert stamps.fits(7.5, 100.9)
-    for stamp in (0.1, 1e300, float("nan"), float("inf")):
-        assert not stamps.fits(stamp, 100.1)
+    stamps.translate(7.0, 100.0)  # nothing is known of the first one
+    stamps.translate(7.5, 100.9)
+    for stamp in (0.1, 7.4, 7.5, 1e300, float("nan"), float("inf")):
+        with pytest.raises(ArmLostError, match="clock jumped"):
+            stamps.translate(stamp, 100.95)
+    assert stamps.newest == 7.5
+    stamps.translate(7.6, 101.0)

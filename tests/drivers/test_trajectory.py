@@ -10,7 +10,8 @@ from armguard.drivers.arm import ArmState, Program
 from armguard.drivers.latencies import Latencies
 from armguard.drivers.link import Link
 from armguard.drivers.moment import Moment
-from armguard.drivers.motion import APPROACH
+from armguard.drivers.motion import APPROACH, QUIET
+from armguard.drivers.session import Session
 from armguard.drivers.trajectory import TrajectoryConduct, make_points
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
@@ -53,14 +54,17 @@ def cubic(times, q, v, t):
 
 
 class Made:
-    """A conduct, its arm, and time that a test sets."""
+    """A conduct that knows an old goal, its arm, and time that a test sets."""
 
     def __init__(self):
         _, writing = os.pipe()
         self.arm, self.now = TrajectoryArm(), 100.0
         options = msgspec.structs.replace(OPTIONS, names=NAMES, stop_within=0.5)
-        self.conduct = TrajectoryConduct(self.arm, options, Latencies(0.0), Link(writing))
+        session = Session(options, Latencies(0.0), Link(writing))
+        self.conduct = TrajectoryConduct(self.arm, session)
         self.verdict = None
+        self.act(rest(self.now, 0))
+        self.now += QUIET
 
     def act(self, newest, after=0.01, hindrance=""):
         self.now += after
@@ -126,8 +130,10 @@ def test_an_order_to_brake_and_a_hindrance_brake():
 def test_a_verdict_is_shown_while_it_is_valid():
     made = Made()
     made.act(None)
-    assert made.arm.reports[-1] == (None, "no valid verdict")
-    made.verdict = verdict(Level.CLEAR, valid_until=made.now + 0.015)
+    assert made.arm.reports[-1] == (None, "no verdict yet")
+    made.verdict = verdict(
+        Level.CLEAR, speed_scale=1.0, stamp=made.now, valid_until=made.now + 0.015
+    )
     made.act(None)
     assert made.arm.reports[-1][0] is made.verdict
     made.act(None, 0.0, hindrance="the robot is silent")

@@ -1,11 +1,15 @@
 """What the driver asks of a robot before the client library; test_watch.py has the library."""
 
+import contextlib
+
 import msgspec
 import pytest
 
-from armguard.drivers.arm import ArmLostError, WrongArmError
-from armguard.drivers.ur import UrArm, UrMotionArm
-from armguard.lab.simulation.ur_controller import UrController
+from armguard.drivers.arm import ArmLostError, Program, WrongArmError
+from armguard.drivers.stamp_filter import StampFilter
+from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
+from armguard.drivers.ur_lines import Dashboard
+from armguard.lab.simulation.ur_controller import STOPPED, UrController
 from support.driven_cell import OPTIONS, find_host
 
 FAMILIES = ["UR3", "UR3e", "UR5", "UR5e", "UR10", "UR10e"]
@@ -31,12 +35,33 @@ def connect(monkeypatch):
     return connect
 
 
+OLD, NEW = (3, 15, 8, 106339), (5, 12, 6, 1102099)
+"""Versions of the CB series and of the e-Series."""
+
+
+@pytest.mark.hazard("H-15")
 @pytest.mark.parametrize("model", FAMILIES)
 @pytest.mark.parametrize("answer", ["UR3", "UR5", "UR10", "UR5e"])
-def test_the_model_is_that_of_the_cell_with_or_without_its_e(connect, model, answer):
-    same = model.removesuffix("e") == answer.removesuffix("e")
-    with pytest.raises(_Checked if same else WrongArmError):
-        connect(UrController(find_host(), answer), model=model)
+@pytest.mark.parametrize("version", [OLD, NEW])
+def test_the_model_and_the_series_are_those_of_the_cell(connect, model, answer, version):
+    same_size = model.removesuffix("e") == answer.removesuffix("e")
+    same_series = model.endswith("e") == (version is NEW)
+    with pytest.raises(_Checked if same_size and same_series else WrongArmError):
+        connect(UrController(find_host(), answer, version=version), model=model)
+
+
+@pytest.mark.parametrize(("version", "error"), [(OLD, WrongArmError), (NEW, _Checked)])
+def test_a_newer_model_than_the_e_series_has_no_e(connect, version, error):
+    with pytest.raises(error):
+        connect(UrController(find_host(), "UR20", version=version), model="UR20")
+
+
+def test_a_robot_that_does_not_tell_its_version_is_not_driven(connect):
+    controller = UrController(find_host())
+    answer = controller._answer
+    controller._answer = lambda line: "?" if line == "PolyscopeVersion" else answer(line)
+    with pytest.raises(ArmLostError, match=r"version of its software: '\?'"):
+        connect(controller)
 
 
 def test_a_robot_in_local_control_is_refused(connect):
@@ -57,6 +82,51 @@ def test_each_safety_mode_in_which_it_stands_has_words():
         assert "switch it on" in arm._find_trouble(mode, 1, 5.0)
     for payload in (5.1, float("nan"), float("inf")):
         assert "payload" in arm._find_trouble(7, 1, payload)
+
+
+class Receive:
+    """Receives one state."""
+
+    def __init__(self, **changes):
+        values = {"isConnected": True, "getTimestamp": 1.0, "getActualQ": [0.0] * 6}
+        values |= {"getActualQd": [0.0] * 6, "getRobotMode": 7, "getSafetyMode": 1}
+        values |= {"getRuntimeState": 2, "getTargetSpeedFraction": 1.0, "getPayload": 0.0}
+        for name, value in (values | changes).items():
+            setattr(self, name, lambda value=value: value)
+
+
+@pytest.mark.parametrize(("state", "program"), [(1, Program.STOPPED), (9, Program.RUNNING)])
+def test_of_a_program_whose_state_is_not_known_the_worst_is_assumed(state, program):
+    arm = object.__new__(UrArm)
+    arm._receive, arm._stamps, arm._payload = Receive(getRuntimeState=state), StampFilter(), 0.0
+    assert arm.read().program is program
+
+
+class Slider:
+    """Takes whatever is set."""
+
+    def setSpeedSlider(self, fraction):  # noqa: N802  # the library's name
+        return True
+
+
+@pytest.mark.parametrize(
+    ("change", "is_left"),
+    [
+        ({}, True),
+        ({"program": STOPPED}, True),
+        ({"is_remote": False}, False),
+        ({"_obey": "Failed to execute: {}".format}, False),
+    ],
+)
+def test_a_program_that_is_not_paused_is_not_left_alone(change, is_left):
+    with UrController(find_host()) as controller:
+        for name, value in change.items():
+            setattr(controller, name, value)
+        arm = object.__new__(UrProgramArm)
+        arm._dashboard, arm._io = Dashboard(controller.host), Slider()
+        with contextlib.nullcontext() if is_left else pytest.raises(ArmLostError, match="pause"):
+            arm.leave()
+        arm._dashboard.close()
 
 
 class DeafControl:

@@ -269,7 +269,8 @@ def test_another_robot_than_that_of_the_cell_is_refused(tmp_path):
         assert cell.process.wait(60.0) == 2
         wait_until(lambda: cell.lines)
         (line,) = cell.lines
-        assert "is a UR10, no UR5e" in line
+        assert "is a UR10 with URSoftware 5.12." in line
+        assert "no UR5e" in line
 
 
 def test_a_report_is_plain_data():

@@ -1,27 +1,14 @@
 """Watching a driver's process, without a robot or its client library."""
 
 import sys
+import time
+from collections import deque
 
 import pytest
 
 from armguard.drivers import watch as watching
-from armguard.drivers.options import DriveOptions
 from armguard.exceptions import ArmguardError
-
-OPTIONS = DriveOptions(
-    driver="ur",
-    host="127.0.0.1",
-    model="UR5e",
-    rate=500.0,
-    names=("a",),
-    timeout=0.1,
-    speed=1.0,
-    stop_within=1.0,
-    deceleration=4.0,
-    payload=0.0,
-    joints="tcp://127.0.0.1:1",
-    verdicts="tcp://127.0.0.1:1",
-)
+from support.driven_cell import OPTIONS
 
 
 def test_what_the_library_prints_is_no_sign_of_life(monkeypatch):
@@ -52,14 +39,57 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
     assert stopped == [OPTIONS]
 
 
+@pytest.mark.hazard("H-20")
+def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypatch, tmp_path):
+    process = tmp_path / "process"
+    process.write_text("#!/bin/sh\ntrap 'kill -SEGV $$' TERM\nwhile :; do sleep 0.01; done\n")
+    process.chmod(0o700)
+    stopped, lines = [], []
+    monkeypatch.setattr(sys, "executable", str(process))
+    monkeypatch.setattr(watching, "stop_alone", stopped.append)
+    ends = time.monotonic() + 0.3  # the trap is set by then
+    watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
+    assert len(stopped) == 1
+    assert "has ended by itself" in lines[-1]
+
+
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/true")
     driver, report = watching._Driver(OPTIONS), watching.Report(watching.Counts())
     try:
-        watching._take(driver, watching.MEASURED, '[false, "reac', report, lambda _: None, set())
+        watching._take(driver, watching.MEASURED, '[false, "reac', report, lambda _: None, deque())
     finally:
         driver.close()
     assert (bool(report.problem), report.measured) == (True, "")
+
+
+def test_lines_of_processes_that_connect_are_told_once_and_not_kept_for_ever(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/true")
+    driver, report = watching._Driver(OPTIONS), watching.Report(watching.Counts())
+    lines, told = [], deque(maxlen=watching._TOLD)
+    try:
+        for k in range(1000):
+            for text in ("the same", f"line {k}"):
+                watching._take(driver, watching.TELL, text, report, lines.append, told)
+        assert len(told) == watching._TOLD
+        assert set(lines) == {"the same", *(f"line {k}" for k in range(1000))}
+        assert lines.count("the same") < 1000 / 50
+        driver.is_driving = True
+        for _ in range(2):
+            watching._take(driver, watching.TELL, "a line a second", report, lines.append, told)
+        assert lines[-2:] == ["a line a second"] * 2
+        assert len(told) == watching._TOLD
+    finally:
+        driver.close()
+
+
+def test_counts_are_added_and_what_was_not_measured_stays_so():
+    total = watching.Counts(stops=1, longest_gap=0.1)
+    watching._add(total, watching.Counts(stops=2, longest_gap=0.01))
+    assert (total.stops, total.longest_gap, total.obeyed_p99) == (3, 0.1, None)
+    watching._add(total, watching.Counts(obeyed_p99=0.002, obeyed_max=0.004))
+    watching._add(total, watching.Counts(obeyed_p99=0.001))
+    assert (total.obeyed_p99, total.obeyed_max) == (0.002, 0.004)
 
 
 @pytest.mark.parametrize(("driver", "extra"), [("ur", "ur"), ("ros2", "dds")])

@@ -22,8 +22,12 @@ from armguard.verdict import Level
 from support.verdict_samples import verdict
 from support.waiting import wait_until
 
-VALIDITY = 0.05
-"""How long a verdict of the stand-in is valid, in [s]: a busy machine must not make it expire."""
+PERIOD, VALIDITY = 0.002, 0.05
+"""Between two verdicts of the stand-in, and how long each is valid, in [s]: a busy machine must not
+make it expire."""
+
+AGREED = f"\n[thresholds]\nlatency = {VALIDITY - 0.001:.6g}\n"
+"""What a cell file says of that: it is a period, of a monitor's usual 1000 Hz, and the latency."""
 
 CELL = """
 sources = {{}}
@@ -47,6 +51,7 @@ OPTIONS = DriveOptions(
     speed=1.0,
     stop_within=1.0,
     deceleration=4.0,
+    validity=2.0,
     payload=5.0,
     joints="ipc:///joints",
     verdicts="ipc:///verdicts",
@@ -69,7 +74,7 @@ class StandIn:
         states: Joint states that have come, with the time of each.
     """
 
-    def __init__(self, folder, rate=500.0):
+    def __init__(self, folder):
         self.joints, self.verdicts = f"ipc://{folder}/joints", f"ipc://{folder}/verdicts"
         self.states = []
         self.level, self.scale = Level.CLEAR, 1.0
@@ -77,7 +82,6 @@ class StandIn:
         self.changed = 0.0
         self.make_command = None
         """Makes the command of a tick from its time and number; None: there is no shield."""
-        self._period = 1.0 / rate
         self._sequence = 0
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -121,7 +125,7 @@ class StandIn:
                 )
                 if self.make_command is not None:
                     publisher.command(self.make_command(now, self._sequence))
-            tick += self._period
+            tick += PERIOD
             time.sleep(max(0.0, tick - time.monotonic()))
         publisher.close()
         socket.close(0)
@@ -142,7 +146,7 @@ class DriverProcess:
     def __init__(self, folder, text, *options):
         self.monitor = StandIn(folder)
         self.cell = folder / "cell.toml"
-        self.cell.write_text(text)
+        self.cell.write_text(text + AGREED)
         self.lines = []
         self.output = ""
         self.environment = None
