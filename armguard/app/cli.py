@@ -144,7 +144,7 @@ class Run:
     part_megabytes: float | None = None
     """Let the recording go on in another file once one is so large."""
     keep_days: float | None = None
-    """Remove files of recordings in that folder so long after their last change."""
+    """Remove earlier files of the recording, or its folder, that are older; ten stay."""
     expect: str | None = None
     """Start only if the configuration has this digest, which a start tells."""
     no_realtime: Flag = False
