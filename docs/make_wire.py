@@ -12,6 +12,7 @@ import itertools
 from pathlib import Path
 
 from armguard.messages import answers, command, incoming, reasons
+from armguard.recording import events
 from armguard.streams import SourceLimits, addresses, goal_intake, inputs
 from armguard.verdict import ReasonKind
 
@@ -81,7 +82,7 @@ Each message is one part: a msgpack map, or a JSON object with the same fields; 
 - Lengths are metres, angles radians, times seconds. The rest follows: m/s, m/s², rad/s.
 - `seq` counts the messages of one source, by 1. A gap counts as lost messages, a step back as a sender that restarted, and two tracks that both go on as two senders. None is a STOP by itself: obstacles that are not reported grow with their bounds.
 
-What is refused is counted by kind and source, printed on standard error, and in the summary of the run. If obstacles may be missing because of it, the verdict says so. One source can send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections. One beyond that is shut out within a tick, and counted under `connections`, until another one has ended. A connection counts before its key is known, so strangers can take the place of a driver that has lost its connection, which is a STOP: keep them away by a firewall. Each connection holds at most {inputs.WAITING_BYTES // 2**20} MiB of waiting messages.
+What is refused is counted by kind and source, printed on standard error, and in the summary of the run. If obstacles may be missing because of it, the verdict says so. One source can send {SourceLimits().message_rate:g} messages a second of {SourceLimits().message_size} bytes and have {SourceLimits().obstacles} obstacles, and a cloud {SourceLimits().points} points, unless the cell file says less. An input takes {inputs.CONNECTION_LIMIT} connections. One beyond that is shut out within a tick, and counted under `connections`, until another one has ended. A connection counts before its key is known, so strangers can take the place of a driver that has lost its connection, which is a STOP: keep them away by a firewall. A tick takes 64 messages from an input, fairly from all connections, and no more than fit into half of its period; the rest waits. Each connection holds at most {inputs.WAITING_BYTES // 2**20} MiB of waiting messages.
 
 Complete nodes without armguard's library, which the tests run: [perception.py](nodes/perception.py) and [controller.py](nodes/controller.py) (pyzmq), [perception.cpp](nodes/perception.cpp) (cppzmq), and [lines.cpp](nodes/lines.cpp), which needs no socket. In Python with armguard, `armguard.streams.Publisher` and `VerdictReader` send and receive all of it.
 """
@@ -225,6 +226,25 @@ def ask(publisher: Publisher, reader: VerdictReader, stamp, names, times, q, v) 
 ```
 """
 
+RECORDED = f"""## In a recording
+
+A [recording](recording.md) is an MCAP file with these topics below `{events.PREFIX}`, as JSON with a schema for each. Messages of this page stand as on the wire, calls of an application as the same messages. `joint_state` has the time of its tick besides, `now`. Times are the machine's monotonic clock, moved to the time of day at which the recording began.
+
+- Numbers are read back to the bit. The strings `"Infinity"`, `"-Infinity"` and `"NaN"` stand for what JSON lacks, although schemas say `number`.
+- Lists of lists are written as one list, row by row. A list with one number holds for all rows. Fields that do not apply are left out.
+- Metadata `armguard` has format, part, versions, processor, and the [digest of the configuration](safety.md#which-configuration-it-was); `armguard.link` is behind each chunk. The attachments `settings.json` and `robot.json` are what the monitor was made with.
+- `scene` shows, ten times a second, the arm's spheres in the colour of the level, and the obstacles: `foxglove.SceneUpdate`.
+"""
+
+
+def write_topics() -> str:
+    """What each topic of a recording holds, in Markdown."""
+    rows = ["| topic | message |", "|---|---|"]
+    for kind, topic in events.TOPICS.items():
+        (meaning, *_) = inspect.getdoc(kind).split("\n\n")
+        rows.append(f"| `{topic}` | {' '.join(meaning.split())} |")
+    return "\n".join(rows) + "\n"
+
 
 def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
     """Fields of a message: name, type in words, default or nothing, and the text below it."""
@@ -307,6 +327,8 @@ def write_page() -> str:
         COMMANDS,
         write_table(command.CommandMessage),
         AFTER_COMMANDS,
+        RECORDED,
+        write_topics(),
     ]
     return "\n".join(parts)
 
