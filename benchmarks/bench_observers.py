@@ -4,18 +4,22 @@ All cases run the same scene, each with a monitor of its own, and take turns of 
 times and each time in another order, so that whatever else the machine does falls on all of them.
 Processes whose turn it is not are stopped. A turn yields the p50, the p99 and the maximum of its
 ticks in microseconds, and how many came late; printed are medians over the turns, and behind × the
-median of the ratios to "nothing" in the same round. "nothing, again" is that same case once more:
-what the ratios there are off 1 by is what this machine cannot tell.
+median of the ratios to "nothing", or to the case of `--against`, in the same round. "nothing,
+again" is that same case once more: what the ratios there are off 1 by is what this machine cannot
+tell.
 
 In the case "recorder" verdicts are written after the tick, as by `armguard run --record`; in
 "recorder, signed" the process that writes signs as well, and verdicts carry the digest of the
-configuration; "not deferred" is a loop that calls `Monitor.step` itself. A recorder and a view are
-processes, and share the machine with the loop. "busy process" is neither, but a process that is
-busy for as long as the recorder's, as often and at the same priority: what it costs the loop is
-what the processor pays for the work beside it, however little the loop does.
+configuration; in "recorder, no chain" it writes no links, makes no digests, and verdicts carry
+none, so that these two differ by digest, chain and signature alone; "not deferred" is a loop that
+calls `Monitor.step` itself. A recorder and a view are processes, and share the machine with the
+loop. "busy process" is neither, but a process that is busy for as long as the recorder's, as often
+and at the same priority: what it costs the loop is what the processor pays for the work beside it,
+however little the loop does.
 
     python benchmarks/bench_observers.py --rounds 10 --seconds 1
-    python benchmarks/bench_observers.py --only nothing recorder busy --realtime
+    python benchmarks/bench_observers.py --only recorder busy --realtime
+    python benchmarks/bench_observers.py --only "recorder, signed" --against "recorder, no chain"
 """
 
 import argparse
@@ -27,6 +31,7 @@ import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
+from unittest import mock
 
 import numpy as np
 import zmq
@@ -54,6 +59,8 @@ CASES = (
     "nothing, again",
     "recorder",
     "recorder, signed",
+    "recorder, no chain",
+    "recorder, no chain, again",
     "recorder, not deferred",
     "stopped recorder",
     "busy process",
@@ -78,6 +85,24 @@ while os.getppid() == parent:
         pass
     time.sleep(PAUSE)
 """
+
+WITHOUT_CHAIN = """
+import sys
+from armguard.recording import part_writer, writer
+class File(part_writer.ChainedFile):
+    def write(self, data): return self._file.write(data)
+    def add_link(self, writer, begin, end): pass
+    def close(self, writer, time, next_file): writer.finish()
+part_writer.ChainedFile = File
+sys.exit(writer.main(sys.argv[1:]))
+"""
+
+
+class PopenWithoutChain(subprocess.Popen):
+    """Starts what writes a recording, without links and digests."""
+
+    def __init__(self, command, **options):
+        super().__init__([command[0], "-c", WITHOUT_CHAIN, *command[3:]], **options)
 
 
 class Resting:
@@ -171,7 +196,9 @@ class Contestant:
         view, observers = None, []
         if "recorder" in case:
             key = write_signing_pair("recorder", folder)[0] if is_signed else None
-            recorder = Recorder(folder / "run.mcap", self._monitor, key=key)
+            popen = PopenWithoutChain if "no chain" in case else subprocess.Popen
+            with mock.patch("subprocess.Popen", popen):
+                recorder = Recorder(folder / "run.mcap", self._monitor, key=key)
             resources.callback(recorder.close)
             self.pid = recorder.pid
             if "not deferred" not in case:
@@ -282,16 +309,19 @@ def main(arguments=None):
     parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=1.0, help="of each turn")
     parser.add_argument("--realtime", action="store_true", help="ask for it, as `armguard run`")
+    parser.add_argument("--against", choices=CASES, default=NOTHING, help="what ratios are to")
     parser.add_argument("--only", nargs="+", default=[""], help="beginnings of cases")
     options = parser.parse_args(arguments)
-    cases = [case for case in CASES if case == NOTHING or case.startswith(tuple(options.only))]
+    # What the ratios are to is among them in any case, and its control.
+    chosen = options.against, *options.only
+    cases = [case for case in CASES if case.startswith(chosen)]
     figures, priority = measure(cases, options.rounds, options.seconds, realtime=options.realtime)
-    ratios = np.median(figures[:, :, :3] / figures[cases.index(NOTHING), :, :3], axis=1)
+    ratios = np.median(figures[:, :, :3] / figures[cases.index(options.against), :, :3], axis=1)
     print(f"{os.cpu_count()} cores, real-time priority {priority or 'none'},", end=" ")
     print(f"{options.rounds} turns of {options.seconds:g} s each; µs")
-    print(f"{'':26}{'p50':>14}{'p99':>14}{'max':>14}{'late':>8}{'beside':>9}")
+    print(f"{'':26}{'p50':>15}{'p99':>15}{'max':>15}{'late':>8}{'beside':>9}")
     for case, row, ratio in zip(cases, np.median(figures, axis=1), ratios, strict=True):
-        cells = "".join(f"{row[i]:8.0f} ×{ratio[i]:4.2f}" for i in range(3))
+        cells = "".join(f"{row[i]:8.0f} ×{ratio[i]:5.3f}" for i in range(3))
         print(f"{case:26}{cells}{row[3]:8.0f}{row[4]:7.1f} %")
 
 

@@ -14,6 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 from armguard.messages import answers, command, incoming, reasons
+from armguard.recording import events
 from armguard.streams import SourceLimits, addresses, goal_intake, inputs
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
@@ -97,7 +98,7 @@ A message is one part: a msgpack map or a JSON object. Outputs are msgpack, or J
 - Times of outputs are of the monotonic clock (`CLOCK_MONOTONIC`, `time.monotonic()`, `std::chrono::steady_clock`); a `…_time` counts from the tick. Times of inputs are of the source's clock or, from “Joint states” on, the joint states', as in the cell file.
 - Gaps in `seq` count as lost messages, steps back as a restart, two tracks as two senders; none is a STOP.
 
-Refused messages are counted and printed; verdicts say if obstacles may be missing. Default limits of a source: {SourceLimits().message_rate:g} messages per second of {SourceLimits().message_size} bytes, {SourceLimits().obstacles} obstacles, {SourceLimits().points} points per cloud; of an input: {inputs.CONNECTION_LIMIT} connections, strangers' included (use a firewall), {inputs.WAITING_BYTES // 2**20} MiB waiting each.
+Refused messages are counted and printed; verdicts say if obstacles may be missing. Default limits of a source: {SourceLimits().message_rate:g} messages per second of {SourceLimits().message_size} bytes, {SourceLimits().obstacles} obstacles, {SourceLimits().points} points per cloud; of an input: {inputs.CONNECTION_LIMIT} connections, strangers' included (use a firewall), {inputs.WAITING_BYTES // 2**20} MiB waiting each. A tick takes 64 messages of an input, fairly from all connections.
 
 Shared fields:
 """
@@ -216,6 +217,25 @@ COMMANDS = """## Commands
 AFTER_COMMANDS = f"""Empty `times`: the arm's position is unknown. A controller follows a motion to its end, in any silence, and brakes by `stop`, not by verdicts. It changes to another one only by `take_up_by`, and only within {command.SAME_PLACE:g} rad or m and {command.SAME_VELOCITY:g} rad/s or m/s of the old one.
 """
 
+RECORDED = f"""## In a recording
+
+A [recording](recording.md) is an MCAP file with these topics below `{events.PREFIX}`, as JSON with a schema for each. Messages and calls of an application are stored in the form of this page. `joint_state` also has `now`, the time of its tick. Times are of the monotonic clock, shifted to the time of day at which the recording began.
+
+- Numbers are bit-exact. The strings `"Infinity"`, `"-Infinity"` and `"NaN"` stand for what JSON lacks, although schemas say `number`.
+- Lists of lists are written as one list, row by row. A list with one number holds for all rows. Fields that do not apply are absent.
+- Metadata `armguard` has format, part, versions, processor, and the [digest of the configuration](safety.md#which-configuration-it-was); `armguard.link` is behind each chunk. The attachments `settings.json` and `robot.json` are what the monitor was made with.
+- `scene` shows, ten times a second, the arm's spheres in the colour of the level, and the obstacles: `foxglove.SceneUpdate`.
+"""
+
+
+def write_topics() -> str:
+    """What each topic of a recording holds, in Markdown."""
+    rows = ["| topic | message |", "|---|---|"]
+    for kind, topic in events.TOPICS.items():
+        (meaning, *_) = inspect.getdoc(kind).split("\n\n")
+        rows.append(f"| `{topic}` | {' '.join(meaning.split())} |")
+    return "\n".join(rows) + "\n"
+
 
 def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
     """Fields of a message: name, type in words, default or nothing, and the text below it."""
@@ -319,6 +339,8 @@ def write_page() -> str:
         COMMANDS,
         write_fields(command.CommandMessage),
         AFTER_COMMANDS,
+        RECORDED,
+        write_topics(),
     ]
     return "\n".join(parts)
 

@@ -145,7 +145,7 @@ class Run:
     part_megabytes: float | None = None
     """Continue the recording in a new file when a file reaches this size, in megabytes."""
     keep_days: float | None = None
-    """Delete recordings in that folder this many days after their last change."""
+    """Delete earlier files of the recording, or of its folder, after this many days; ten stay."""
     expect: str | None = None
     """Start only if the configuration has this digest; each start prints its digest."""
     no_realtime: Flag = False

@@ -157,9 +157,16 @@ def verify_chain(wishes: cli.Replay) -> int:
     for one in results:
         told = "intact" if one.is_intact else "not intact"
         signed = f"signed by {', '.join(one.keys)}" if one.keys else "not signed"
-        console.print(f"{one.path}: {told}; {one.chunks} chunks are as they were, {signed}")
+        console.print(
+            f"{one.path}: part {one.part}, {told}; {one.chunks} chunks are as they were, {signed}"
+        )
         for problem in one.problems:
             console.print(f"  {problem}")
+    first = results[0].part
+    console.print(f"verified from part {first} on")
+    if first > 1:
+        missed = "part 1 was" if first == 2 else f"parts 1 to {first - 1} were"
+        console.print(f"{missed} not verified; --keep-days removes old parts, and so can anybody")
     is_intact = all(one.is_intact for one in results)
     if is_intact and wishes.key is None:
         console.print(
@@ -170,7 +177,14 @@ def verify_chain(wishes: cli.Replay) -> int:
         found = [
             {**one._asdict(), "path": str(one.path), "intact": one.is_intact} for one in results
         ]
-        print_json(lambda: {"intact": is_intact, "files": found})
+        print_json(
+            lambda: {
+                "intact": is_intact,
+                "first_part": first,
+                "unverified_parts": first - 1,
+                "files": found,
+            }
+        )
     return 0 if is_intact else COMPLAINT
 
 

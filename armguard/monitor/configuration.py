@@ -2,14 +2,14 @@
 
 Two monitors with the same digest give the same verdicts on the same inputs, if their processors
 compute alike. The digest covers the exact bits of numbers, and names without their order. It does
-not depend on the paths of files, the order of keys in a file, the notation of a number, or the
-machine.
+not depend on the paths of files, the name of a robot's folder, the order of keys in a file, the
+notation of a number, or the machine.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -18,7 +18,7 @@ import numpy as np
 from armguard.monitor.monitor import Monitor
 from armguard.monitor.portable import describe_settings
 from armguard.monitor.provenance import describe_software
-from armguard.robot.portable import describe_robot
+from armguard.robot.portable import describe_contents
 
 LENGTH = 16
 """Number of hexadecimal digits of a digest."""
@@ -50,30 +50,35 @@ def describe_configuration(monitor: Monitor, cell: Any = None) -> dict[str, Any]
     sources = settings["obstacles"]["sources"]
     if sources is not None:
         settings["obstacles"]["sources"] = {source["name"]: source for source in sources}
+    settings["monitor"]["ignore"] = sort_data(settings["monitor"]["ignore"])
     software = describe_software()
     for name in _OF_THE_MACHINE:
         del software[name]
     return {
         "software": software,
-        "robot": describe_robot(monitor.robot),
+        "robot": describe_contents(monitor.robot),
         "settings": settings,
         "payload": monitor.payload,
         "places": _describe_places(monitor),
         "tethers": sorted(
             [*sorted((one.a, one.b)), one.length] for one in monitor.obstacles.tethers
         ),
-        "exemptions": [
+        "exemptions": sort_data(
             [*one.pair, one.until, None if one.zone is None else one.zone.points.tolist()]
             for one in monitor.exemptions
-        ],
+        ),
         "cell": cell,
     }
 
 
 def digest_data(data: Any) -> str:
     """The digest of plain data."""
-    encoded = msgspec.json.encode(normalise(data), order="deterministic")
-    return hashlib.sha256(encoded).hexdigest()[:LENGTH]
+    return hashlib.sha256(_encode(data)).hexdigest()[:LENGTH]
+
+
+def sort_data(entries: Iterable[Any]) -> list[Any]:
+    """Plain data whose order means nothing, in an order of their own."""
+    return sorted(entries, key=_encode)
 
 
 def normalise(value: Any) -> Any:
@@ -97,6 +102,10 @@ def normalise(value: Any) -> Any:
         case list() | tuple():
             return [normalise(one) for one in value]
     raise TypeError(f"no plain data: {value!r}")
+
+
+def _encode(data: Any) -> bytes:
+    return msgspec.json.encode(normalise(data), order="deterministic")
 
 
 def _write_number(value: float) -> str:

@@ -15,8 +15,14 @@ from typing import NamedTuple
 
 from armguard.exceptions import ArmguardError
 
-_NAMED_BY_TIME = re.compile(r"armguard-\d{8}T\d{6}-\d+(\.\d+)?\.mcap")
-"""Names that `name_by_time` gives, and those of further parts."""
+FEWEST = 10
+"""Files of which no earlier one is removed, however old it seems."""
+
+FIRST_TIME = 1767225600.0
+"""The year 2026 in [s] since 1970: armguard is no older, and a clock behind that was not set."""
+
+_NAMED_BY_TIME = re.compile(r"(armguard-\d{8}T\d{6}-\d+)(?:\.(\d+))?\.mcap")
+"""Names that `name_by_time` gives, and those of further parts: run and part."""
 
 
 class Rotation(NamedTuple):
@@ -28,7 +34,7 @@ class Rotation(NamedTuple):
     """Size of a part, in [bytes], from which on the next one begins; None: there is no limit. A
     part may be larger by what comes within half a second."""
     keep: float | None = None
-    """How long a file is kept after its last change, in [s]; None: for ever."""
+    """How long a file is kept after its last change at least, in [s]; None: for ever."""
 
     def check(self) -> None:
         """Refuse times and sizes that are none.
@@ -63,11 +69,6 @@ def find_part(path: Path, part: int, number: int) -> Path:
     )
 
 
-def is_begun(path: Path) -> bool:
-    """Whether there is something in a file; one whose writer was killed at once is empty."""
-    return path.is_file() and path.stat().st_size > 0
-
-
 def open_file(path: Path) -> int:
     """Open a file for writing, and see to it that a power cut leaves its name; its descriptor.
 
@@ -86,22 +87,47 @@ def open_file(path: Path) -> int:
 def remove_old(path: Path, part: int, keep: float) -> Iterator[str]:
     """Remove recordings that were kept for long enough; their names.
 
-    These are earlier parts of the present run, and in its folder all files that are named by the
-    time, as runs are that record into a folder.
+    These are earlier parts of the present run and, where that is named by the time, as runs are
+    that record into a folder, all earlier files of the folder that are.
+
+    The clock of the day may be wrong, and jump. So the age of a file is the sum of the steps from
+    its last change to that of the next file, and so on to the present. Each step counts for a tenth
+    of `keep` at most, one back in time for nothing, and the longest not at all. One jump therefore
+    makes no file older, and each further one by a tenth of `keep` at most; ten files stay in any
+    case. By the clock a file must be as old as well, and its own time must be one of a clock that
+    was set.
 
     Args:
         path: The present part, which stays.
         part: Its number, from 1.
         keep: How long a file is kept after its last change, in [s].
     """
-    latest = time.time() - keep
-    run = {find_part(path, part, number).name for number in range(1, part)}
-    for one in sorted(path.parent.glob("*.mcap")):
-        if one == path or not (one.name in run or _NAMED_BY_TIME.fullmatch(one.name)):
-            continue
+    present = time.time()
+    age, longest, later = 0.0, 0.0, present
+    for file in _list_earlier(path, part):
         try:
-            if one.stat().st_mtime < latest:
-                one.unlink()
-                yield one.name
+            changed = file.stat().st_mtime
+            step = min(max(later - changed, 0.0), keep / FEWEST)
+            age, longest, later = age + step, max(longest, step), changed
+            if min(age - longest, present - changed) >= keep and changed >= FIRST_TIME:
+                file.unlink()
+                yield file.name
         except OSError as error:
-            yield f"{one.name} (not possible: {error.strerror})"
+            yield f"{file.name} (not possible: {error.strerror})"
+
+
+def _list_earlier(path: Path, part: int) -> list[Path]:
+    """Files that may be removed once they are old, the latest first."""
+    if _find_place(path) is None:
+        files = [find_part(path, part, number) for number in range(part - 1, 0, -1)]
+        return [file for file in files if file.is_file()]
+    places = {_find_place(file): file for file in path.parent.glob("*.mcap")}
+    present = _find_place(path)
+    earlier = [place for place in places if place and present and place < present]
+    return [places[place] for place in sorted(earlier, reverse=True)]
+
+
+def _find_place(path: Path) -> tuple[str, int] | None:
+    """Run and part of a file that is named by the time; None: it is not."""
+    found = _NAMED_BY_TIME.fullmatch(path.name)
+    return None if found is None else (found[1], int(found[2] or 1))

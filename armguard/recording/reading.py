@@ -19,7 +19,7 @@ from armguard.exceptions import ArmguardError
 from armguard.recording.chain import LINK
 from armguard.recording.events import FORMAT, PREFIX, TOPICS, Event
 from armguard.recording.json_form import read_json
-from armguard.recording.parts import find_part, is_begun
+from armguard.recording.parts import find_part
 from armguard.recording.recorder import check_installed
 
 LONGEST_RECORD = 256 * 1024 * 1024
@@ -159,7 +159,7 @@ class Recording:
                 return
             part += 1
             path = find_part(self.path, 1, part)
-            if not is_begun(path):
+            if not path.is_file():
                 self.is_cut_off = True
                 return
 
@@ -201,6 +201,8 @@ class Recording:
         try:
             with path.open("rb") as file:
                 start = file.read(len(MAGIC))
+                if path != self.path and start != MAGIC and MAGIC.startswith(start):
+                    return  # what wrote it was killed as soon as it was there
                 if start != MAGIC:
                     problem = "is empty" if not start else "is no MCAP file"
                     raise ArmguardError(str(path), problem, expected="a recording of armguard")

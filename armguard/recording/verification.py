@@ -16,13 +16,14 @@ from typing import NamedTuple
 
 from armguard.exceptions import ArmguardError
 from armguard.recording.chain import FIRST, LINK, Link, read_link
-from armguard.recording.parts import find_part, is_begun
+from armguard.recording.parts import find_part
 from armguard.recording.reading import FRAME, LONGEST_RECORD, MAGIC
 from armguard.recording.recorder import check_installed
 from armguard.recording.signing import is_signed
 
 _METADATA = 12
 """Opcode of a metadata record in MCAP files."""
+_LOSS = "if a power cut or a kill ended it, at most its last second is lost"
 _NAME = len(LINK).to_bytes(4, "little") + LINK.encode()
 
 
@@ -43,6 +44,8 @@ class Verification(NamedTuple):
     """When the last message came that the chain holds, in [ns] since 1970; 0: there is none."""
     keys: tuple[str, ...]
     """Public keys whose signatures were found, in hexadecimal digits."""
+    signer: str
+    """The key of the last link; empty: it is not signed."""
     head: str
     """Head of the last link."""
     next: str
@@ -63,8 +66,14 @@ class _Found(NamedTuple):
     is_content_right: bool
 
 
+class _NothingWholeError(ArmguardError):
+    """A file of which not even the beginning is there, as a power cut may leave it."""
+
+
 def verify(path: str | Path, key: str | None = None) -> list[Verification]:
     """Verify a recording, and all files in which it goes on.
+
+    Where the first result is of a part after the first one, nothing is known of those before it.
 
     Args:
         path: The file, which may be any part of a run.
@@ -76,34 +85,36 @@ def verify(path: str | Path, key: str | None = None) -> list[Verification]:
             earlier versions.
     """
     check_installed()
-    path, results = Path(path), list[Verification]()
-    before: Verification | None = None
-    while True:
-        result = _verify_file(path, key, before)
-        results.append(result)
-        if not result.next:
-            return results
+    results = [_verify_file(Path(path), key, None)]
+    while (before := results[-1]).next:
         # By its number, not by its name in the file: the run may have been renamed as a whole.
-        path = find_part(path, result.part, result.part + 1)
-        if not is_begun(path):
-            problem = f"{path.name}, in which the recording goes on, is missing or empty"
-            results[-1] = result._replace(problems=(*result.problems, problem))
-            return results
-        before = result
+        further = find_part(before.path, before.part, before.part + 1)
+        try:
+            if further.exists():
+                results.append(_verify_file(further, key, before))
+                continue
+            problem = "is missing"
+        except _NothingWholeError as error:
+            problem = f"{error.problem}; {_LOSS}"
+        # What stands in the files before is no less certain for it.
+        problem = f"{further.name}, in which the recording goes on, {problem}"
+        results.append(
+            Verification(further, before.part + 1, 0, (problem,), False, 0, (), "", before.head, "")
+        )
+    return results
 
 
 def _verify_file(path: Path, key: str | None, before: Verification | None) -> Verification:
     try:
         with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise ArmguardError(
-                    str(path), "is no MCAP file", expected="a recording of armguard"
-                )
+            start = file.read(len(MAGIC))
+            if start != MAGIC:
+                problem = "is no MCAP file" if start else "is empty"
+                raise _NothingWholeError(str(path), problem, expected="a recording of armguard")
             with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 return _verify_bytes(path, data, key, before)
-    except (OSError, ValueError) as error:  # an empty file cannot be mapped
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ArmguardError(str(path), f"cannot be read ({reason})") from None
+    except OSError as error:
+        raise ArmguardError(str(path), f"cannot be read ({error.strerror})") from None
 
 
 def _verify_bytes(
@@ -111,7 +122,7 @@ def _verify_bytes(
 ) -> Verification:
     found = list(_list_links(data))
     if not found:
-        raise ArmguardError(
+        raise _NothingWholeError(
             str(path),
             "has no chain that could be verified",
             expected="a recording of this version with its first chunk",
@@ -122,15 +133,18 @@ def _verify_bytes(
     ]
     problems += _check_order(links)
     problems += _check_heads(links, before)
-    problems += _check_signatures(links, key)
+    problems += _check_signatures(links, key, before)
     last = found[-1]
     rest = data[last.end :]
-    is_ended = bool(last.link.tail)
-    if is_ended and hashlib.sha256(rest).hexdigest() != last.link.tail:
-        problems.append("the index at the end of the file: its bytes were changed")
-    if not is_ended:
+    is_ended = bool(last.link.tail) and rest.endswith(MAGIC)
+    if not last.link.tail:
         left = f"; {len(rest)} bytes behind it are of no whole chunk" if rest else ""
-        problems.append(f"the end is missing: the last that is there is {_name(last.link)}{left}")
+        name = _name(last.link)
+        problems.append(f"the end is missing: the last that is there is {name}{left}; {_LOSS}")
+    elif not is_ended:
+        problems.append("the index at the end of the file was cut off; no chunk is lost")
+    elif hashlib.sha256(rest).hexdigest() != last.link.tail:
+        problems.append("the index at the end of the file: its bytes were changed")
     numbers = {one.link.chunk for one in found if one.is_content_right and not one.link.tail}
     return Verification(
         path,
@@ -141,6 +155,7 @@ def _verify_bytes(
         is_ended,
         last.link.end,
         tuple(dict.fromkeys(link.key for link in links if link.key)),
+        last.link.key,
         last.link.head,
         last.link.next,
     )
@@ -228,8 +243,9 @@ def _check_heads(links: list[Link], before: Verification | None) -> Iterator[str
     if first.chunk == 0:
         if before is not None and first.before != before.head:
             yield f"the beginning: it does not go on from the file before, {before.path.name}"
-        elif before is None and first.part == 1 and first.before != FIRST:
-            yield "the beginning: it says that it goes on from another file, and that it is part 1"
+        elif before is None and (first.part < 1 or (first.part == 1) != (first.before == FIRST)):
+            other = "none" if first.before == FIRST else "another file"
+            yield f"the beginning: it says that it is part {first.part}, and goes on from {other}"
     for one, two in itertools.pairwise(links):
         if two.part != one.part:
             yield f"{_name(two)}: it is of part {two.part}"
@@ -237,17 +253,24 @@ def _check_heads(links: list[Link], before: Verification | None) -> Iterator[str
             yield f"{_name(two)}: its link, or the one before, was changed"
 
 
-def _check_signatures(links: list[Link], key: str | None) -> Iterator[str]:
-    """Links whose signature is missing or wrong."""
-    keys = {link.key for link in links}
+def _check_signatures(
+    links: list[Link], key: str | None, before: Verification | None
+) -> Iterator[str]:
+    """Links whose signature is missing or wrong, and where another one signs from then on."""
+    last = links[0].key if before is None else before.signer
     for link in links:
         if link.key and not is_signed(link.key, link.signature, link.head):
             yield f"{_name(link)}: its signature is wrong"
         elif key is not None and link.key != key:
-            signer = f"signed by {link.key}" if link.key else "not signed"
-            yield f"{_name(link)}: it is {signer}"
-        elif key is None and not link.key and len(keys) > 1:
-            yield f"{_name(link)}: it is not signed, and others are"
+            yield f"{_name(link)}: it is {_tell_signer(link.key)}"
+        elif key is None and link.key != last:
+            signers = f"{_tell_signer(link.key)}, and what stands before is {_tell_signer(last)}"
+            yield f"{_name(link)}: it is {signers}"
+        last = link.key
+
+
+def _tell_signer(key: str) -> str:
+    return f"signed by {key}" if key else "not signed"
 
 
 def _name(link: Link) -> str:

@@ -58,6 +58,12 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
     }
 
 
+def describe_contents(robot: Robot) -> dict[str, Any]:
+    """A robot as plain data, without the name of its folder and the count of its changes."""
+    described = describe_robot(robot)
+    return {name: one for name, one in described.items() if name not in ("name", "revision")}
+
+
 def describe_bodies(robot: Robot, known: Iterable[str] = ()) -> dict[str, Any]:
     """The links of a robot as plain data, for `RestoredRobot.replace_bodies`.
 

@@ -23,7 +23,7 @@ from armguard.app.replay import (
 )
 from armguard.app.summary import VerdictCounts
 from armguard.exceptions import ArmguardError
-from armguard.recording import Recording, Replay, ReplayedTick
+from armguard.recording import Recording, Replay, ReplayedTick, Rotation, writer
 from armguard.recording.events import Gap
 from armguard.recording.signing import write_signing_pair
 from armguard.robot import Robot
@@ -400,7 +400,9 @@ def test_verify_tells_what_was_changed_and_who_signed(tmp_path, capsys):
     path = tmp_path / "run.mcap"
     record(path, ticks=50, recorder_options={"key": secret})
     assert main(["replay", str(path), "--verify", "--key", str(public)]) == 0
-    assert f"intact; 1 chunks are as they were, signed by {key}" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert re.search(rf"part 1, intact; \d+ chunks are as they were, signed by {key}", told)
+    assert "verified from part 1 on" in told
     assert main(["replay", str(path), "--verify"]) == 0
     assert "without --key the author is unknown" in capsys.readouterr().out
     data = bytearray(path.read_bytes())
@@ -411,6 +413,28 @@ def test_verify_tells_what_was_changed_and_who_signed(tmp_path, capsys):
     (told,) = json.loads(out)["files"]
     assert not told["intact"]
     assert told["problems"][0] in err
+
+
+def test_verify_tells_from_which_part_on_and_that_those_before_were_not_verified(
+    tmp_path, capsys, monkeypatch
+):
+    """What is left is right, so that is no error: retention removes beginnings as well."""
+    monkeypatch.setattr(writer, "FLUSH_INTERVAL", 0.0)
+    path = tmp_path / "run.mcap"
+    record(path, ticks=100, recorder_options={"rotation": Rotation(size=100_000)})
+    for part, words in ((2, "part 1 was not verified"), (3, "parts 1 to 2 were not verified")):
+        (tmp_path / f"run.{part}.mcap").replace(path)
+        assert main(["replay", str(path), "--verify", "--json"]) == 0
+        out, err = capsys.readouterr()
+        told = json.loads(out)
+        assert (told["intact"], told["first_part"], told["unverified_parts"]) == (
+            True,
+            part,
+            part - 1,
+        )
+        assert f"{path}: part {part}, intact" in err
+        assert f"verified from part {part} on" in err
+        assert words in err
 
 
 @pytest.mark.parametrize(

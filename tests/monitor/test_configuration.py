@@ -1,10 +1,15 @@
 """The digest of a configuration changes with all that verdicts depend on, and with nothing else."""
 
+import copy
+import inspect
+import itertools
 import math
 import random
 import string
 
+import msgspec
 import numpy as np
+import pinocchio
 import pytest
 
 import armguard
@@ -16,8 +21,14 @@ from armguard.monitor.configuration import (
     digest_data,
     normalise,
 )
+from armguard.monitor.portable import FORMS
 from armguard.obstacles import Obstacles, Source
+from armguard.obstacles.obstacles import ObstacleSettings
+from armguard.robot.portable import LIMITS, describe_robot
 from armguard.scheduling import FullSchedule
+from armguard.settings import Settings
+from armguard.settings.contact_limits import ContactLimit
+from armguard.settings.declarations import read_declarations
 from support.eventful_runs import make_monitor as make_eventful
 from support.panda_monitor import make_monitor
 
@@ -135,7 +146,58 @@ def test_what_a_monitor_is_made_with_and_told_before_it_starts_counts():
     assert digest_of() == digests[0]
 
 
+OTHERS = {
+    "operating": armguard.OperatingLimits(velocity=0.5),
+    "base_placement": pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, 0.1])),
+    "contact_limits": armguard.ContactLimits({"hand": ContactLimit(speed=0.1, source="assumed")}),
+    "separation": armguard.SeparationRule(),
+    "ignore": (("panda_hand", "post"),),
+    "schedule": "full",
+    "motion": "isotropic",
+    "leave": "any",
+}
+"""Another value of each setting that is no plain number or switch."""
+
+
+@pytest.mark.parametrize("name", list(read_declarations(Settings)))
+def test_every_setting_of_a_monitor_counts(name):
+    """One that is added to the record is among these by itself."""
+    _, monitor = make_monitor(obstacles=Obstacles())
+    before = digest_configuration(monitor)
+    settings = copy.copy(monitor.settings)
+    value = OTHERS[name] if name in OTHERS else change_value(getattr(settings, name))
+    assert value != getattr(settings, name)
+    msgspec.structs.force_setattr(settings, name, value)
+    monitor.settings = settings
+    assert digest_configuration(monitor) != before
+
+
+def test_every_attribute_of_what_settings_hold_and_of_a_robot_is_known():
+    """One that is added must be described, or named here as one that verdicts do not rest on."""
+    for kind, names in FORMS.items():
+        if kind is not pinocchio.SE3:
+            assert set(names) == set(inspect.signature(kind).parameters), kind
+    table = inspect.signature(Obstacles).parameters
+    assert set(ObstacleSettings._fields) == set(table)
+    robot = armguard.Robot.load("panda")
+    described = {"joints", "cover", "brakes", "published_operating_limits", *LIMITS}
+    as_joints_and_links = {"model", "collision_model", "_bodies"}
+    as_statics_of_another_arm, words = {"_fixed_points"}, {"name", "drawn_links", "_sources"}
+    known = described | as_joints_and_links | as_statics_of_another_arm | words
+    assert set(vars(robot)) == known
+    assert described - {"cover"} <= set(describe_robot(robot))
+
+
 def test_orders_that_mean_nothing_count_for_nothing():
+    pairs = ("panda_hand", "x"), ("panda_link7", "y"), ("panda_hand", "y")
+    found = set()
+    for order in itertools.permutations(pairs):
+        found.add(digest_of(ignore=order))
+        _, monitor = make_monitor(obstacles=Obstacles())
+        for pair in order:
+            monitor.ignore(*pair, until=5.0)
+        found.add(digest_configuration(monitor))
+    assert len(found) == 2
     first, second = Obstacles(sources=["a", "b"]), Obstacles(sources=["b", "a"])
     first.add_static("x", [1.0, 0.0, 0.0], 0.1)
     for obstacles in (first, second):

@@ -1,16 +1,13 @@
 import os
-import time
 from pathlib import Path
 
 import pytest
 
 from armguard.exceptions import ArmguardError
+from armguard.recording import parts
 from armguard.recording.parts import (
     Rotation,
     find_part,
-    is_begun,
-    name_by_time,
-    open_file,
     remove_old,
 )
 
@@ -34,42 +31,90 @@ def test_what_is_no_time_or_size_is_refused(name, value):
     Rotation().check()
 
 
-def test_a_file_is_begun_once_something_is_in_it(tmp_path):
-    path = tmp_path / name_by_time()
-    assert not is_begun(path)
-    descriptor = open_file(path)
-    assert not is_begun(path)
-    os.write(descriptor, b"x")
-    os.close(descriptor)
-    assert is_begun(path)
-    assert not is_begun(tmp_path)
+DAY = 86400.0
+NOW = 4e9
 
 
-def test_only_recordings_that_are_old_enough_are_removed(tmp_path):
-    old = time.time() - 100.0
-    own = ["run.mcap", "run.2.mcap", "run.3.mcap"]
-    by_time = ["armguard-20261125T101112-77.mcap", "armguard-20261125T101112-77.12.mcap"]
-    others = ["precious.mcap", "run.4.mcap", "run.mcap.bak", "armguard-notes.mcap", "x.txt"]
-    for name in [*own, *by_time, *others, "armguard-20261126T101112-78.mcap"]:
-        (tmp_path / name).write_text("x")
-        os.utime(tmp_path / name, (old, old))
-    os.utime(tmp_path / "armguard-20261126T101112-78.mcap")
-    present = tmp_path / "run.3.mcap"
-    assert list(remove_old(present, 3, 1000.0)) == []
-    removed = list(remove_old(present, 3, 50.0))
-    assert sorted(removed) == sorted([*by_time, "run.mcap", "run.2.mcap"])
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"run.3.mcap", "armguard-20261126T101112-78.mcap", *others}
+def make_files(folder, names, ages):
+    """A file of each name, last changed so many days ago; the last one is written at present."""
+    for name, age in zip(names, ages, strict=True):
+        (folder / name).write_text("x")
+        os.utime(folder / name, (NOW - DAY * age,) * 2)
+    return folder / names[-1]
+
+
+def list_removed(present, part, days, monkeypatch, *, now=NOW):
+    monkeypatch.setattr(parts.time, "time", lambda: now)
+    return list(remove_old(present, part, DAY * days))
+
+
+def name_runs(count):
+    return [f"armguard-20260101T{number:06}-7.mcap" for number in range(count)]
+
+
+OWN = ["run.mcap", *(f"run.{number}.mcap" for number in range(2, 41))]
+
+
+@pytest.mark.parametrize("names", [OWN, name_runs(40)])
+def test_files_are_removed_once_they_are_old_and_only_recordings(names, tmp_path, monkeypatch):
+    """One a day: what is older goes, but for the longest step, which does not count."""
+    others = ["precious.mcap", "run.41.mcap", "run.mcap.bak", "armguard-notes.mcap", "x.txt"]
+    make_files(tmp_path, others, [500.0] * len(others))
+    present = make_files(tmp_path, names, reversed(range(40)))
+    assert list_removed(present, 40, 39.0, monkeypatch) == []
+    # Of 40 files those go that are 31 days old and more.
+    assert list_removed(present, 40, 30.0, monkeypatch) == [*reversed(names[:9])]
+    assert {one.name for one in tmp_path.iterdir()} == {*names[9:], *others}
+    assert list_removed(present, 40, 30.0, monkeypatch) == []
+
+
+def test_a_run_with_a_name_of_its_own_leaves_those_that_are_named_by_the_time(
+    tmp_path, monkeypatch
+):
+    make_files(tmp_path, name_runs(40), reversed(range(40)))
+    assert list_removed(make_files(tmp_path, ["run.mcap"], [0.0]), 1, 1.0, monkeypatch) == []
+
+
+@pytest.mark.hazard("H-11")
+@pytest.mark.parametrize("place", range(1, 41))
+@pytest.mark.parametrize("jump", [0.3, 20.0, 3650.0])
+def test_a_clock_that_jumps_forward_removes_nothing_that_is_young(
+    place, jump, tmp_path, monkeypatch
+):
+    """Forty files, one a day; before one of them, or at present, the clock jumped by some days."""
+    names = name_runs(40)
+    true_ages = [*reversed(range(40))]
+    ages = [age + jump * (number < place) for number, age in enumerate(true_ages)]
+    present = make_files(tmp_path, names, ages)
+    told = list_removed(present, 1, 20.0, monkeypatch)
+    assert not set(told) & {name for name, age in zip(names, true_ages, strict=True) if age < 20.0}
+
+
+@pytest.mark.hazard("H-11")
+def test_files_from_a_clock_that_was_wrong_stay(tmp_path, monkeypatch):
+    """One that was not set, one that was ahead; and ten files stay whatever the clock says."""
+    names = name_runs(40)
+    ages = [*map(float, reversed(range(40)))]
+    ages[3], ages[5] = (NOW - 3600.0) / DAY, -100.0
+    present = make_files(tmp_path, names, ages)
+    later = make_files(tmp_path, ["armguard-20300101T000000-7.mcap"], [500.0])
+    told = list_removed(present, 1, 20.0, monkeypatch)
+    assert told
+    assert {names[3], names[5]}.isdisjoint(told)
+    assert later.exists()
+    other = tmp_path / "other"
+    other.mkdir()
+    present = make_files(other, names, [500.0 * age for age in reversed(range(40))])
+    assert len(list_removed(present, 1, 1e-3, monkeypatch)) in (28, 29)
 
 
 def test_what_cannot_be_removed_is_told(tmp_path, monkeypatch):
-    path = tmp_path / "run.mcap"
-    path.write_text("x")
-    os.utime(path, (0.0, 0.0))
+    names = name_runs(40)
+    present = make_files(tmp_path, names, reversed(range(40)))
 
     def refuse(self):
         raise OSError(1, "Operation not permitted")
 
     monkeypatch.setattr(Path, "unlink", refuse)
-    told = list(remove_old(tmp_path / "run.2.mcap", 2, 1.0))
-    assert told == ["run.mcap (not possible: Operation not permitted)"]
+    told = list_removed(present, 1, 38.0, monkeypatch)
+    assert told == [f"{names[0]} (not possible: Operation not permitted)"]

@@ -13,7 +13,7 @@ from armguard.recording.chain import Link
 from armguard.recording.events import FORMAT, NUMBERS, Log, Time
 from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
 from armguard.recording.parts import Rotation, open_file
-from armguard.recording.signing import read_signing_key, write_signing_pair
+from armguard.recording.signing import FileSigner, read_signing_key, write_signing_pair
 from armguard.recording.verification import verify
 from armguard.recording.writer import PatientFile, RecordingWriter
 from support.chain_links import frame, make_record, read_links
@@ -58,7 +58,7 @@ def split(data):
 def find(data, path, **options):
     """What is found in a file of these bytes."""
     path.write_bytes(data)
-    (result,) = verify(path, **options)
+    result, *_ = verify(path, **options)
     return result
 
 
@@ -144,20 +144,21 @@ def test_an_end_that_is_cut_off_is_found_and_what_is_left_verifies(whole, tmp_pa
         assert not result.is_intact
         (told,) = result.problems
         if there[-1].tail:
-            assert "index" in told
+            assert "the index at the end of the file was cut off" in told
         else:
             assert "the end is missing: the last that is there is" in told
             assert result.last == there[-1].end
 
 
-def forge(whole, change):
+def forge(whole, change, *, before="", **fields):
     """Change a line, and make the chain anew as anybody can who has the file and no key."""
-    data, place, head = b"", 0, ""
+    data, place, head = b"", 0, before
     for link, begin, end in read_links(whole):
         content = change(whole[place:begin])
         place = end
         digest = hashlib.sha256(content).hexdigest()
         link = link._replace(content=digest, before=head, key="", signature="")
+        link = link._replace(**fields)
         record = make_record(link.to_fields())
         data += content + frame(record)
         head = link.head
@@ -186,7 +187,9 @@ def test_a_signature_that_is_missing_among_others_is_found(whole, tmp_path):
     record = make_record(link._replace(key="", signature="").to_fields())
     data = whole[:begin] + frame(record) + whole[end:]
     told = find(data, tmp_path / "a.mcap").problems
-    assert any("it is not signed, and others are" in one for one in told)
+    told = [one for one in told if "what stands before" in one]
+    assert re.match(r"chunk 3, .* it is not signed, and what stands before is signed by", told[0])
+    assert re.match(r"chunk 4, .* it is signed by .*, and what stands before is not", told[1])
 
 
 def test_a_recording_goes_on_in_files_of_which_none_can_be_missed(tmp_path, keys):
@@ -201,13 +204,11 @@ def test_a_recording_goes_on_in_files_of_which_none_can_be_missed(tmp_path, keys
     assert all(one.is_intact for one in verify(tmp_path / "run.2.mcap"))
 
     (tmp_path / "run.3.mcap").rename(tmp_path / "x")
-    *_, last = verify(first)
-    assert "run.3.mcap, in which the recording goes on, is missing" in last.problems[-1]
+    *before, last = verify(first)
+    assert all(one.is_intact for one in before)
+    assert last.problems == ("run.3.mcap, in which the recording goes on, is missing",)
     shutil.copy(tmp_path / "run.2.mcap", tmp_path / "run.3.mcap")
     assert any("does not go on from the file before" in str(one.problems) for one in verify(first))
-    (tmp_path / "run.3.mcap").write_bytes(b"")
-    *_, last = verify(first)
-    assert "missing or empty" in last.problems[-1]
 
 
 def copy_run(tmp_path, keys):
@@ -217,6 +218,85 @@ def copy_run(tmp_path, keys):
     options = {"key": str(keys[0]), "rotation": Rotation(duration=2.0)}
     first = write_run(tmp_path / "run" / "run.mcap", **options)
     return shutil.copy(first, tmp_path / "copy" / "run.mcap"), tmp_path / "run"
+
+
+@pytest.mark.hazard("H-11")
+def test_a_beginning_that_was_dropped_and_files_that_were_renamed_begin_with_a_later_part(
+    tmp_path, keys
+):
+    """What is left is right; which parts nobody saw is told by the number of the first."""
+    first = write_run(tmp_path / "run.mcap", key=str(keys[0]), rotation=Rotation(duration=2.0))
+    (tmp_path / "run.2.mcap").replace(first)
+    begun, last = verify(first, read_signing_key(keys[1]))
+    assert (begun.part, last.part) == (2, 3)
+    assert begun.is_intact
+    assert last.is_intact
+    first.replace(tmp_path / "other.mcap")
+    (tmp_path / "run.3.mcap").replace(first)
+    assert [(one.part, one.is_intact) for one in verify(first)] == [(3, True)]
+    # Nobody can say of a later part that it is the first one, or of none.
+    for part in (1, 0, -3):
+        data = forge(first.read_bytes(), bytes, part=part, before="ab")
+        assert any("goes on from another file" in one for one in find(data, first).problems)
+    told = find(forge(data, bytes, part=2), first).problems
+    assert any("says that it is part 2, and goes on from none" in one for one in told)
+
+
+@pytest.mark.hazard("H-11")
+def test_another_signer_is_named_where_it_begins_without_any_key(whole, tmp_path, keys):
+    """In a chunk, in a further file, and where what was signed goes on unsigned."""
+    other = write_signing_pair("other", tmp_path)[0]
+    link, begin, end = read_links(whole)[3]
+    signer = FileSigner(other)
+    link = link._replace(key=signer.public)
+    record = make_record(link._replace(signature=signer.sign(link.head)).to_fields())
+    told = find(whole[:begin] + frame(record) + whole[end:], tmp_path / "a.mcap").problems
+    told = [one for one in told if "what stands before" in one]
+    assert re.match(rf"chunk 3, .* it is signed by {signer.public}, and what", told[0])
+
+    options = {"rotation": Rotation(duration=2.0)}
+    first = write_run(tmp_path / "run.mcap", key=str(keys[0]), **options)
+    second = first.with_name("run.2.mcap")
+    original = second.read_bytes()
+    for secret, words in ((str(other), f"signed by {signer.public}"), ("", "not signed")):
+        copy = write_run(tmp_path / f"{words[:3]}.mcap", key=secret, **options)
+        data = copy.with_name(f"{words[:3]}.2.mcap").read_bytes()
+        second.write_bytes(data)
+        begun, changed, *_ = verify(first)
+        assert begun.is_intact
+        told = [one for one in changed.problems if "what stands before is signed by" in one]
+        assert len(told) == 1
+        assert f"what stands in front of all chunks: it is {words}" in told[0]
+    second.write_bytes(original)
+    assert all(one.is_intact for one in verify(first))
+
+
+@pytest.mark.hazard("H-11")
+def test_a_power_cut_after_a_rotation_leaves_all_that_was_written_before_it(tmp_path, keys):
+    """The last file has nothing in it, a part of its beginning, or a chunk that is cut."""
+    first = write_run(tmp_path / "run.mcap", key=str(keys[0]), rotation=Rotation(duration=3.0))
+    last = first.with_name("run.2.mcap")
+    whole = last.read_bytes()
+    ends = [end for *_, end in read_links(whole)]
+    for length in [
+        *range(12),
+        ends[0] - 1,
+        ends[0],
+        ends[0] + 1,
+        ends[1] - 1,
+        ends[1],
+        ends[1] + 9,
+    ]:
+        last.write_bytes(whole[:length])
+        begun, cut = verify(first, read_signing_key(keys[1]))
+        assert begun.is_intact
+        assert begun.chunks == 4
+        assert cut.chunks == (length >= ends[1])
+        (told,) = cut.problems
+        assert "if a power cut or a kill ended it, at most its last second is lost" in told
+        assert "run.2.mcap" in told or "the end is missing" in told
+    last.write_bytes(b"something else")
+    assert "is no MCAP file" in verify(first)[1].problems[0]
 
 
 @pytest.mark.hazard("H-11")
@@ -236,7 +316,7 @@ def test_another_recording_of_the_signer_in_place_of_a_part_is_found(tmp_path, k
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"", "is no MCAP file"), (b"q,v", "is no MCAP file"), (b"\x89MCAP0\r\n", "no chain")],
+    [(b"", "is empty"), (b"q,v", "is no MCAP file"), (b"\x89MCAP0\r\n", "no chain")],
 )
 def test_what_has_no_chain_is_refused(content, words, tmp_path):
     path = tmp_path / "a.mcap"

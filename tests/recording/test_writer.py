@@ -1,8 +1,12 @@
+import itertools
 import os
+import random
+import time
 
 import msgspec
 import pytest
 
+from armguard.exceptions import ArmguardError
 from armguard.messages.events import StaticObstacle
 from armguard.messages.incoming import ResetMessage
 from armguard.monitor.portable import describe_settings
@@ -10,11 +14,13 @@ from armguard.recording import Recording, Rotation, verify
 from armguard.recording import writer as writer_module
 from armguard.recording.events import FORMAT, NUMBERS, JointState, Log, Time
 from armguard.recording.packing import ATTACHED, NOTED, WriterOptions, pack_record
+from armguard.recording.parts import open_file
 from armguard.recording.ring import Ring, create_memory
 from armguard.recording.scene import Scene
+from armguard.recording.signing import write_signing_pair
 from armguard.recording.writer import PatientFile, RecordingWriter, write_recording
 from armguard.robot.portable import describe_robot
-from support import eventful_runs
+from support import eventful_runs, forked_writers
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +74,8 @@ def test_times_never_go_back_in_the_file(start, tmp_path):
     writer = open_writer(path)[0]
     for entry in start:
         send(writer, *entry)
-    for time in (5, 3, 3, 9):
-        send(writer, NUMBERS[ResetMessage], time, ResetMessage(""))
+    for nanoseconds in (5, 3, 3, 9):
+        send(writer, NUMBERS[ResetMessage], nanoseconds, ResetMessage(""))
     writer.finish()
     assert [time for time, _, _ in Recording(path).events()] == [5, 6, 7, 9]
 
@@ -212,17 +218,144 @@ def test_a_full_disk_loses_nothing_where_a_recording_goes_on(start, tmp_path, mo
     assert [event.timestamp.nsec for event in events] == list(range(3000))
 
 
+def watch_disk(monkeypatch, folder):
+    """What is on the disk after each step by which it changes: bytes by name, in order."""
+    states, names, contents = [{}], {}, {}
+    write, opened = os.write, writer_module.open_file
+
+    def take(descriptor, data):
+        contents[names[descriptor]] += bytes(data)
+        states.append(dict(contents))
+        return write(descriptor, data)
+
+    def follow(path):
+        descriptor = opened(path)
+        names[descriptor] = path.name
+        contents[path.name] = b""
+        states.append(dict(contents))
+        return descriptor
+
+    monkeypatch.setattr(writer_module, "open_file", follow)
+    monkeypatch.setattr(os, "write", take)
+    return states, follow
+
+
+@pytest.mark.hazard("H-11")
+def test_what_a_power_cut_leaves_at_any_moment_verifies_and_reads_up_to_there(
+    start, tmp_path, monkeypatch
+):
+    """At each write and around each rotation, with the last write whole or torn anywhere."""
+    (tmp_path / "run").mkdir()
+    path = tmp_path / "run" / "run.mcap"
+    states, follow = watch_disk(monkeypatch, path.parent)
+    file = PatientFile(follow(path))
+    writer = RecordingWriter(file, WriterOptions(str(path), rotation=Rotation(duration=1.0)))
+    for entry in start:
+        send(writer, *entry)
+    for half_second in range(6):
+        log = Log(timestamp=Time(0, half_second), level=3, message="a line")
+        send(writer, NUMBERS[Log], half_second, log)
+        writer.flush(0.5 * half_second)
+    monkeypatch.undo()
+    assert len(states[-1]) == 3
+    rng, told, left = random.Random(0), set(), tmp_path / "run.mcap"
+    for before, after in itertools.pairwise(states[1:]):
+        (name,) = (one for one in after if after[one] != before.get(one))
+        size = len(before.get(name, b""))
+        for length in (size, rng.randrange(size, len(after[name]) + 1), len(after[name])):
+            for one, data in {**after, name: after[name][:length]}.items():
+                (tmp_path / one).write_bytes(data)
+            if not is_whole(left):
+                continue
+            *whole, last = check_cut(left)
+            told.add((len(whole), last.chunks > 0, last.problems[0].split()[0]))
+            recording = Recording(left)
+            count = sum(1 for _ in recording.events())
+            # A chunk may be whole whose link is torn.
+            assert count - sum(one.chunks for one in (*whole, last)) in (0, 1)
+            assert recording.is_cut_off
+    assert {(1, False, "run.2.mcap,"), (1, False, "the"), (1, True, "the")} <= told
+    assert {(2, False, "run.3.mcap,")} <= told
+
+
+def check_cut(path, key=None):
+    """Verify what a cut has left: nothing was lost but the end."""
+    results = verify(path, key)
+    *whole, last = results
+    for one in whole[:-1]:
+        assert one.is_intact
+    for one in whole[-1:]:
+        assert one.is_intact or one.problems == (
+            "the index at the end of the file was cut off; no chunk is lost",
+        )
+    (told,) = last.problems
+    assert "at most its last second is lost" in told
+    return results
+
+
+@pytest.mark.hazard("H-11")
+def test_what_a_kill_leaves_at_random_moments_verifies(start, tmp_path, monkeypatch):
+    """A process that goes on in another file all the time, and signs; ended by SIGKILL."""
+    monkeypatch.setattr(writer_module, "FLUSH_INTERVAL", 0.01)
+    monkeypatch.setattr(writer_module, "PAUSE", 0.001)
+    secret, _, key = write_signing_pair("recorder", tmp_path)
+    rng, parts = random.Random(0), set()
+    for number in range(16):
+        path, memory = tmp_path / f"{number}.mcap", create_memory(1 << 20)
+        options = WriterOptions(str(path), str(secret), Rotation(duration=0.03))
+        ring, descriptor = Ring(memory), open_file(path)
+        for entry in start:
+            assert ring.write(pack_record(*entry))
+        arguments = *map(str, (memory, descriptor, os.getpid())), msgspec.json.encode(options)
+        process = forked_writers.Popen(
+            ["python", "-m", "armguard.recording", *arguments],
+            stdin=forked_writers.DEVNULL,
+            pass_fds=(memory, descriptor),
+            start_new_session=True,
+        )
+        os.close(memory)
+        os.close(descriptor)
+        count, end, begun = 0, None, time.monotonic()
+        while end is None or time.monotonic() < end:
+            for _ in range(20):
+                log = Log(timestamp=Time(0, count), level=3, message="a line")
+                count += ring.write(pack_record(NUMBERS[Log], time.time_ns(), log))
+            time.sleep(0.001)
+            assert time.monotonic() < begun + 60.0
+            if end is None and is_whole(path):
+                end = time.monotonic() + rng.uniform(0.0, 0.3)
+        process.kill()
+        process.wait()
+        results = check_cut(path, key)
+        parts.add(len(results))
+        told = [event.timestamp.nsec for _, event, _ in Recording(path).events()]
+        assert told == list(range(len(told)))
+    assert max(parts) > 2
+
+
+def is_whole(path):
+    """Whether what stands in front of the first chunk is there."""
+    try:
+        verify(path)
+    except ArmguardError:
+        return False
+    return True
+
+
 def test_what_retention_removes_is_noted(start, tmp_path):
-    old = tmp_path / "armguard-20200101T000000-1.mcap"
-    old.write_text("x")
-    os.utime(old, (0.0, 0.0))
-    path = tmp_path / "run.mcap"
+    now = time.time()
+    olds = [tmp_path / f"armguard-20260101T0000{number}-1.mcap" for number in range(10, 30)]
+    for number, old in enumerate(olds):
+        old.write_text("x")
+        os.utime(old, (now - 400.0 * (20 - number),) * 2)
+    path = tmp_path / "armguard-20260101T000030-1.mcap"
     writer, _ = open_writer(path, rotation=Rotation(keep=3600.0))
     for entry in start:
         send(writer, *entry)
     writer.flush(0.0)
     writer.finish()
-    assert not old.exists()
-    (line,) = [event.message for _, event, _ in Recording(path).events()]
-    assert line == f"kept for long enough, and removed: {old.name}"
+    removed = [old.name for old in reversed(olds) if not old.exists()]
+    assert removed
+    lines = [event.message for _, event, _ in Recording(path).events()]
+    assert lines == [f"kept for long enough, and removed: {name}" for name in removed]
     assert verify(path)[0].is_intact

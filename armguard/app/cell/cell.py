@@ -147,12 +147,14 @@ class Cell:
     def describe(self) -> dict[str, Any]:
         """The content of the file as plain data, without paths, and the other arms made so far."""
         # For a run, once; most users of a cell do not ask.
-        from armguard.robot.portable import describe_robot
+        from armguard.robot.portable import describe_contents
 
         return {
             "arm": self.arm,
             "tables": describe_table(self.tables),
-            "others": {name: describe_robot(robot) for name, robot in self._other_robots.items()},
+            "others": {
+                name: describe_contents(robot) for name, robot in self._other_robots.items()
+            },
         }
 
     @property

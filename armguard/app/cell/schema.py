@@ -509,16 +509,26 @@ PATHS: dict[type[_Table], tuple[str, ...]] = {
 }
 """Keys whose values are paths, or can be. What they lead to counts, and not where it lies."""
 
+FIRST_THAT_FITS: dict[type[_Table], str] = {BoundsTable: "of", Ros2Table: "frames"}
+"""Tables by pattern of which the first that fits counts, and so their order."""
+
+WITHOUT_ORDER = ("ignore", "tethers", "robots")
+"""Lists whose order means nothing."""
+
 
 def describe_table(value: Any) -> Any:
     """What tables say, as plain data, without paths."""
     if isinstance(value, msgspec.Struct):
         paths = {key for kind, keys in PATHS.items() if isinstance(value, kind) for key in keys}
-        return {
-            key: describe_table(one)
-            for key, one in msgspec.structs.asdict(value).items()
-            if key not in paths and one is not UNSET
-        }
+        ordered = [key for kind, key in FIRST_THAT_FITS.items() if isinstance(value, kind)]
+        said = {}
+        for key, one in msgspec.structs.asdict(value).items():
+            if key in paths or one is UNSET:
+                continue
+            said[key] = describe_table(list(one.items()) if key in ordered else one)
+            if key in WITHOUT_ORDER:
+                said[key] = sorted(said[key], key=msgspec.json.encode)
+        return said
     if isinstance(value, dict):
         return {key: describe_table(one) for key, one in value.items()}
     if isinstance(value, list | tuple):

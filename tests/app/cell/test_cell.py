@@ -666,12 +666,14 @@ def test_whatever_a_cell_file_says_changes_the_digest(one, other):
     assert digest(WHOLE.replace(one, other, 1)) != digest(WHOLE)
 
 
-def test_where_the_files_of_a_robot_lie_does_not_count(tmp_path):
+def test_where_the_files_of_a_robot_lie_and_what_its_folder_is_called_do_not_count(tmp_path):
     robot = Path(__file__).parents[3] / "robots" / "panda"
-    text, found = WHOLE.replace('"panda"', '"arm"'), set()
+    text, found = WHOLE.replace('"panda"', '"arm"'), {digest(WHOLE)}
     for name in ("one", "two"):
         shutil.copytree(robot, tmp_path / name / "arm")
         found.add(digest(text, tmp_path / name))
+    (tmp_path / "one" / "arm").rename(tmp_path / "one" / "renamed")
+    found.add(digest(WHOLE.replace('"panda"', '"renamed"'), tmp_path / "one"))
     assert len(found) == 1
     file = tmp_path / "two" / "arm" / "robot.toml"
     written = file.read_text()
@@ -691,7 +693,9 @@ name = "right"
 robot = "panda"
 base = { xyz = [1, 0, 0] }
 """
+    one, other = text.split("[[robots]]")[1:]
     digests = [digest(text, arm=arm) for arm in ("left", "right")]
+    assert digest(f"[sources]\n[[robots]]{other}[[robots]]{one}", arm="left") == digests[0]
     digests.append(digest(text.replace("[1, 0, 0]", "[1.1, 0, 0]"), arm="left"))
     other = text.replace("base =", 'operating = "published"\nbase =')
     digests.append(digest(other, arm="left"))

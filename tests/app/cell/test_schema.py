@@ -1,9 +1,11 @@
 import ast
+import copy
 import inspect
 import itertools
 import re
 import textwrap
 
+import msgspec
 import pytest
 
 from armguard.app.cell import Cell
@@ -13,10 +15,13 @@ from armguard.app.cell.schema import (
     CellTables,
     RobotTable,
     _Table,
+    complete_tables,
     describe_table,
     parse_cell,
 )
 from armguard.exceptions import CellError
+from armguard.monitor.configuration import digest_data
+from armguard.settings.contact_limits import ContactLimit
 
 ROBOT = '[robot]\nname = "panda"\n'
 DOOR = "[entrances.door]\nposition = [2, 0, 1]\n"
@@ -178,6 +183,96 @@ def read_texts(kind):
         for field, text in itertools.pairwise(body)
         if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
     }
+
+
+def list_tables():
+    """Every kind of table that a cell file may have."""
+    kinds, waiting = {}, [msgspec.inspect.type_info(complete_tables())]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, msgspec.inspect.StructType) and one.cls not in kinds:
+            kinds[one.cls] = None
+        elif isinstance(one, msgspec.inspect.StructType):
+            continue
+        for name in ("fields", "types", "item_types"):
+            waiting += [getattr(each, "type", each) for each in getattr(one, name, ())]
+        for name in ("type", "item_type", "key_type", "value_type"):
+            waiting += [getattr(one, name)] if hasattr(one, name) else []
+    return list(kinds)
+
+
+LIMITED = {"speed": 0.1, "source": "assumed"}
+"""What a table of contact limits cannot do without."""
+
+KEYS = [(kind, key) for kind in list_tables() for key in kind.__struct_fields__]
+
+
+def make_other(value):
+    """Another value than this one, whatever it is."""
+    match value:
+        case bool():
+            return not value
+        case int() | float():
+            return value + 1
+        case str():
+            return value + "x"
+        case list() | tuple():
+            return [*value, "x"]
+        case dict():
+            return {**value, "x": 1}
+    return "x"
+
+
+@pytest.mark.parametrize(("kind", "key"), KEYS, ids=lambda one: getattr(one, "__name__", one))
+def test_every_key_of_every_table_counts_in_the_digest_unless_it_is_a_path(kind, key):
+    """A key that is added to any table is among these by itself."""
+    needed = {one.name: "needed" for one in msgspec.structs.fields(kind) if one.required} | (
+        LIMITED if issubclass(kind, ContactLimit) else {}
+    )
+    table = kind(**needed)
+    changed = copy.copy(table)
+    msgspec.structs.force_setattr(changed, key, make_other(getattr(table, key)))
+    paths = {name for one, names in PATHS.items() if issubclass(kind, one) for name in names}
+    digests = {digest_data(describe_table(one)) for one in (table, changed)}
+    assert len(digests) == (1 if key in paths else 2)
+
+
+def test_tables_are_found_in_tables_lists_and_dictionaries():
+    """The test above is about these; so many there are at least."""
+    names = {kind.__name__ for kind, _ in KEYS}
+    assert {"CellTables", "RobotTable", "SourceTable", "RoundTable", "Ros2Table"} <= names
+    assert {"FrameErrorsTable", "ContactTable", "SeparationRule", "ClientTable"} <= names
+    assert len(KEYS) > 150
+
+
+@pytest.mark.parametrize(
+    ("text", "one", "other", "counts"),
+    [
+        ("[bounds.of]\n{}\n{}", '"a*" = "hand"', '"*b" = "head"', True),
+        ("{}\n{}", "[statics.a]\nradius = 1.0", "[statics.b]\nradius = 2.0", False),
+        ("ignore = [{}, {}]", '["*", "a"]', '["*", "b"]', False),
+        (
+            "[[tethers]]\n{}\n[[tethers]]\n{}",
+            'a = "1"\nb = "2"\nlength = 1\nsource = "x"',
+            'a = "2"\nb = "3"\nlength = 1\nsource = "x"',
+            False,
+        ),
+        (
+            '[robot.driver]\nname = "ros2"\n[robot.driver.frames]\n{}\n{}',
+            '"a*" = {{ angle = 1.0 }}',
+            '"*b" = {{ angle = 2.0 }}',
+            True,
+        ),
+    ],
+)
+def test_an_order_counts_where_the_first_that_fits_does(text, one, other, counts):
+    found = set()
+    for pair in ((one, other), (other, one)):
+        said = text.format(*pair).replace("{{", "{").replace("}}", "}")
+        # Keys of no table stand in front of all tables.
+        said = f"{said}\n{ROBOT}" if said.startswith("ignore") else f"{ROBOT}{said}"
+        found.add(digest_data(describe_table(parse_cell(said, "cell", None))))
+    assert len(found) == 1 + counts
 
 
 def test_tables_are_described_without_paths_and_with_all_else():
