@@ -168,6 +168,8 @@ class Monitor:
 
             self._contact = ContactWatch(robot, self._scheduler)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
+        self._decided_by = 0
+        """Revision of the obstacle that decided the last verdict, in its tick."""
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
@@ -556,20 +558,22 @@ class Monitor:
     def prove(self, verdict: Verdict) -> Proof | None:
         """What was proved of the pair that decided the last verdict, for `armguard_check`.
 
-        It is made when it is asked for, in the time of some evaluations. docs/proofs.md says what
-        it claims.
+        It is made when it is asked for, in the time of some evaluations: ask before the next
+        update, for nothing is kept of what the tick knew. docs/proofs.md says what it claims.
 
         Args:
             verdict: What the last step returned.
 
         Returns:
             The proof; None where there is nothing to prove: no pair decided, the obstacle was
-            removed since or could be anywhere, the joint state is newer than its tick or was not
-            believed, or another verdict has followed.
+            updated or removed since or could be anywhere, the payload was changed since, the joint
+            state is newer than its tick or was not believed, or another verdict has followed.
         """
         tick, result = self._last
         is_last = tick is not None and tick.number == verdict.sequence == self._sequence
         if tick is None or not is_last or result.pair == NOBODY or self._unplaced:
+            return None
+        if self._reloaded or self._scheduler.revision(result.pair) != self._decided_by:
             return None
         return self._queries.prove(tick, result.pair, verdict)
 
@@ -689,6 +693,7 @@ class Monitor:
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
         self._last = tick, result
+        self._decided_by = scheduler.revision(result.pair)
         contact = self._contact
         if contact is not None:
             reasons += contact.update(tick, result.expiry, is_on_piece=is_proved)

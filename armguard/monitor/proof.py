@@ -43,7 +43,7 @@ from armguard.pairs.separations import (
 from armguard.robot.joints import find_axis, is_prismatic
 from armguard.scheduling.scheduler import Tick
 from armguard.settings.settings import Settings
-from armguard.verdict import Level, Verdict
+from armguard.verdict import FINISH, Level, Verdict
 
 NODES = 33
 """Of a tube."""
@@ -127,9 +127,11 @@ class Prover:
         # As compiled code was told of them.
         tick = tick._replace(q=np.ascontiguousarray(tick.q), v=np.ascontiguousarray(tick.v))
         told = "this" if verdict.level is Level.STOP else "next"
+        # An arm that is to finish its piece does not brake.
+        brakes = verdict.stop is not FINISH
         spheres: set[int] = set()
         free = self._prove_free(tick, link, row, len(bodies), spheres)
-        stop = self._prove_stop(tick, link, row, len(bodies), spheres, told)
+        stop = self._prove_stop(tick, link, row, len(bodies), spheres, told) if brakes else None
         motions = [motion for motion in (free, stop) if motion is not None]
         if not motions:
             return None
