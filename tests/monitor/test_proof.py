@@ -11,6 +11,7 @@ from armguard.verdict import BRAKE, FINISH, Level
 from armguard_check import verify
 from support.panda_monitor import HOME, PERIOD, STILL, panda, ranged_panda
 from support.permitted_contact import Encounter
+from support.proof_scenes import make_scene
 from support.urdf_arms import limits_for, two_links
 
 
@@ -66,6 +67,26 @@ def test_proofs_change_nothing_that_follows():
             said.append(str(monitor.pairs(4)))
         verdicts.append(said)
     assert verdicts[0] == verdicts[1]
+
+
+def test_a_body_that_passes_by_is_kept_apart():
+    # It could turn round well before the arm rests, but not reach it.
+    monitor, obstacles, _ = make_scene("tiago", touches=False)
+    monitor.reset()
+    obstacles.update(
+        ["it"],
+        1.0,
+        [[[-1.09, 1.551, -0.291], [-1.245, 1.47, -0.293]]],
+        [[[0.104, 0.829, 1.162]] * 2],
+        source="camera",
+        radius=0.2,
+        accel=2.0,
+        speed=1.6,
+    )
+    q = np.array([0.349, 2.4, -0.11, -2.245, 1.345, -1.85, -0.199, -0.22])
+    verdict = monitor.step(1.02, q, np.zeros(8))
+    assert verdict.level.name in ("AWARE", "CLEAR")
+    assert check(monitor.prove(verdict)).in_time
 
 
 def test_a_slow_surface_is_proved_to_be_slow():
