@@ -12,6 +12,7 @@ import math
 
 from armguard.bounds.joint_table import JointTable
 from armguard.monitor.kept_speeds import KeptSpeeds
+from armguard.robot.stop_time import ALL_COVERED
 from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
@@ -67,6 +68,8 @@ class StopDecision:
             was set to 0 last.
         offending: The pair for which the last question was denied; NOBODY where none was, or brakes
             are not stated for what joints can do.
+        thrown: The joint for which the last question was denied, whatever is near: its stop may
+            throw it back faster than its brakes are stated for. `ALL_COVERED` if there is none.
         limiting: The pair that keeps the scale below what was asked for, as far as that is known.
         braking_delay: From a tick until brakes bite that its verdict, or the next one, calls for,
             in [s].
@@ -88,6 +91,7 @@ class StopDecision:
     def reset(self) -> None:
         """Forget what was asked before."""
         self.offending = self.limiting = NOBODY
+        self.thrown = ALL_COVERED
         self._unsafe_in = -9
         self._raise_at = self._fell_at = -math.inf
         self._kept.reset()
@@ -101,7 +105,8 @@ class StopDecision:
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         self.offending = NOBODY
-        if not braking.covers(q, v, age, response_time):
+        self.thrown = braking.find_uncovered(q, v, age, response_time)
+        if self.thrown != ALL_COVERED:
             return False
         known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
         if known == PROVED:
