@@ -87,6 +87,9 @@ class _Check:
         require(bool(self.bodies), "the obstacle has no state")
         is_carried = type(carrier) is int and -1 <= carrier < count
         require(is_carried, "the link is carried by no joint of the arm")
+        self.parents = self.cover["parents"]
+        is_tree = all(type(one) is int and -1 <= one < k for k, one in enumerate(self.parents))
+        require(bool(self.parents) and is_tree, "the link's balls are no tree")
         joints, (*center, radius) = read_joints(self.arm, q), self.cover["reach"]
         reach = {"center": center, "radius": radius, "lever": [0.0] * count}
         self.balls = {one["node"]: Ball(joints, carrier, one) for one in self.cover["balls"]}
@@ -148,10 +151,7 @@ class _Check:
 
     def check_cover(self, separations: list[dict[str, Any]]) -> None:
         """Refuse separations that say nothing of a part of the link, or of a state."""
-        parents = self.cover["parents"]
-        is_tree = all(type(one) is int and -1 <= one < node for node, one in enumerate(parents))
-        require(bool(parents) and is_tree, "the link's balls are no tree")
-        said = {(one["node"], one["state"]) for one in separations}
+        said, parents = {(one["node"], one["state"]) for one in separations}, self.parents
         for state in range(len(self.bodies)):
             for leaf in set(range(len(parents))) - set(parents):
                 node = leaf

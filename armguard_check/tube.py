@@ -27,7 +27,7 @@ from armguard_check.intervals import (
 )
 
 ERRORS = "position_error", "velocity_error"
-RATES = "operating_velocity", "acceleration", "operating_acceleration"
+LIMITS = *ERRORS, "operating_velocity", "acceleration", "operating_acceleration"
 """Numbers of each joint, as the arm has them."""
 
 
@@ -193,15 +193,15 @@ def read_sides(arm: dict[str, Any], joint: int, q: Interval, v: Interval) -> tup
     def size(value: object, name: str, read: Callable[[object, str], Interval] = read) -> Interval:
         return read_size(value, f"{name} of joint {joint}", read)
 
-    error, slack, operating, accel, speeding = (
-        size(arm[name][joint], name) for name in ERRORS + RATES
-    )
+    error, slack, operating, accel, speeding = (size(arm[key][joint], key) for key in LIMITS)
     require(min(accel.low, speeding.low) > 0, f"an acceleration of joint {joint} is 0")
     lower, upper = (read_bound(arm[key][joint], key) for key in ("lower", "upper"))
     require(upper.covers(lower), f"lower of joint {joint} is above its upper")
     brakes, top = arm["brakes"][joint], greatest(operating, abs(v))
     columns = [[size(one, key, read_bound) for one in brakes[key]] for key in Stop._fields]
     stops = [Stop(*entry) for entry in zip(*columns, strict=True)]
+    are_possible = all(accel.covers(stop.deceleration) for stop in stops)
+    require(are_possible, f"brakes of joint {joint} are stronger than its acceleration")
     thrown = Free(ZERO, accel, accel, top)
 
     def read_side(v: Interval, ahead: Interval, behind: Interval) -> Side:

@@ -108,6 +108,14 @@ def test_limits_that_are_none_are_refused(key, value, why):
         read_sides(proof["arm"], 0, read(0.0), read(0.0))
 
 
+def test_brakes_beyond_the_acceleration_are_refused():
+    for value in (1e6, "Infinity"):
+        proof = make_arm(3)
+        proof["arm"]["brakes"][0]["deceleration"] = [value, value]
+        with pytest.raises(ProofError, match="brakes of joint 0 are stronger"):
+            read_sides(proof["arm"], 0, read(0.0), read(0.0))
+
+
 @pytest.mark.parametrize("key", ["speed", "deceleration", "time", "distance"])
 @pytest.mark.parametrize("value", [-1e-9, math.nan, "-Infinity"])
 def test_brakes_that_are_none_are_refused(key, value):
