@@ -11,39 +11,53 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from armguard_check.intervals import ProofError
+from armguard_check.intervals import ProofError, require
 from armguard_check.proof import verify
 
+COUNTS = "proofs", "verified", "contact_free", "rests_in_time", "rests_only"
 
-def check(lines: Iterable[str | bytes]) -> dict[str, Any]:
+
+def check(lines: Iterable[bytes]) -> dict[str, Any]:
     """Check all proofs; what there is to say of them."""
-    proofs = verified = contact_free = in_time = rests_only = 0
-    first: dict[str, Any] | None = None
-    arms: dict[str, int] = {}
+    found: dict[str, Any] = dict.fromkeys(COUNTS, 0)
+    found |= {"arms": {}, "covers": {}, "first_refused": None}
     for line in lines:
-        proofs += 1
+        found["proofs"] += 1
         proof: Any = None
         try:
-            proof = json.loads(line)
+            proof = json.loads(line.decode(), object_pairs_hook=read_object)
             proved = verify(proof)
         except (ProofError, ValueError, RecursionError) as error:
-            known = proof if isinstance(proof, dict) else {}
-            place = {key: known.get(key) for key in ("sequence", "now", "link", "obstacle")}
-            first = first or {"proof": proofs, **place, "why": str(error)}
-        else:
-            verified += 1
-            contact_free += proved.contact_time > 0
-            in_time += proved.in_time
-            rests_only += proved.rests and not proved.in_time
-            arms[proved.arm] = arms.get(proved.arm, 0) + 1
-    found = {"proofs": proofs, "verified": verified, "contact_free": contact_free}
-    found |= {"rests_in_time": in_time, "rests_only": rests_only}
-    return found | {"arms": arms, "first_refused": first}
+            why = "it is not UTF-8" if isinstance(error, UnicodeDecodeError) else str(error)
+            place = {key: name(proof, key) for key in ("sequence", "now", "link", "obstacle")}
+            refused = {"proof": found["proofs"], **place, "why": why}
+            found["first_refused"] = found["first_refused"] or refused
+            continue
+        found["verified"] += 1
+        found["contact_free"] += proved.contact_time > 0
+        found["rests_in_time"] += proved.in_time
+        found["rests_only"] += proved.rests and not proved.in_time
+        for trusted, digest in (("arms", proved.arm), ("covers", proved.cover)):
+            found[trusted][digest] = found[trusted].get(digest, 0) + 1
+    return found
+
+
+def read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, in which readers could find different values under one key."""
+    read = dict(pairs)
+    require(len(read) == len(pairs), "a key stands twice")
+    return read
+
+
+def name(proof: Any, key: str) -> str | float | None:
+    """What a proof states of itself, if that is plain."""
+    value = proof.get(key) if isinstance(proof, dict) else None
+    return value if isinstance(value, str | int | float) else None
 
 
 def main() -> int:
     """Check standard input; the exit code."""
-    found = check(sys.stdin)
+    found = check(sys.stdin.buffer)
     sys.stdout.write(json.dumps(found, indent=1) + "\n")
     return 0 if 0 < found["proofs"] == found["verified"] else 1
 

@@ -14,23 +14,26 @@ from armguard_check.intervals import (
     ONE,
     ZERO,
     Interval,
-    ProofError,
     Vector,
     add,
+    combine,
     cross,
     dot,
     greatest,
     least,
     length,
     read_list,
+    read_size,
     read_vector,
+    require,
     scale,
     sine_and_cosine,
     total,
 )
+from armguard_check.tube import Range
 
-SKEWNESS = ONE.over(10**9)
-"""What axes and rotations that are stated may be off from true ones."""
+SKEWNESS = ONE.over(10**12)
+"""What rounding may have made of axes and rotations that are stated."""
 
 ROOT_3 = (ONE + ONE + ONE).root()
 
@@ -43,7 +46,7 @@ class Placement(NamedTuple):
 
     def turn(self, a: Vector) -> Vector:
         """A vector of the frame, in the other one."""
-        return add(*[scale(a[k], self.columns[k]) for k in range(3)])
+        return combine(list(a), list(self.columns))
 
     def place(self, a: Vector) -> Vector:
         """A point of the frame, in the other one."""
@@ -64,51 +67,50 @@ class Joint(NamedTuple):
     axis: Vector
     frame: Placement
     """Of what it carries."""
+    error: Interval
+    """What its measured position may be off by."""
 
 
-def read_joints(joints: list[dict[str, Any]], q: list[Interval]) -> list[Joint]:
+def read_joints(arm: dict[str, Any], q: list[Interval]) -> list[Joint]:
     """Place all joints, from the base on."""
     placed: list[Joint] = []
-    for number, joint in enumerate(joints):
-        parent, numbers = joint["parent"], read_list(joint["placement"], 12)
-        if type(parent) is not int or not -1 <= parent < number:
-            raise ProofError(f"joint {number} is carried by one that does not come before it")
+    for number, joint in enumerate(arm["joints"]):
+        parent, slides, axis = joint["parent"], joint["slides"], read_vector(joint["axis"], "axis")
+        is_carried = type(parent) is int and -1 <= parent < number
+        require(is_carried, f"joint {number} is carried by one that does not come before it")
+        require(type(slides) is bool, f"joint {number} neither slides nor turns")
+        numbers = read_list(joint["placement"], 12, "placement")
         x, y, z = ((numbers[k], numbers[3 + k], numbers[6 + k]) for k in range(3))
+        skew = add(cross(x, y), scale(-ONE, z))
+        skewness = *skew, dot(x, y), dot(x, x) - ONE, dot(y, y) - ONE
+        require(are_small(*skewness), f"the placement of joint {number} is no rotation")
+        require(are_small(dot(axis, axis) - ONE), f"the axis of joint {number} is no unit vector")
         fixed = Placement((x, y, z), (numbers[9], numbers[10], numbers[11]))
-        axis, slides = read_vector(joint["axis"]), joint["slides"]
-        products = dot(x, x), dot(y, y), dot(axis, axis), dot(cross(x, y), z), dot(x, y) + ONE
-        if type(slides) is not bool or any(abs(one - ONE).high > SKEWNESS.low for one in products):
-            raise ProofError(f"joint {number} is placed by what is no rotation, or has no axis")
         before = fixed if parent < 0 else placed[parent].frame.then(fixed)
         along = before.turn(axis)
         if slides:
             frame = before._replace(origin=add(before.origin, scale(q[number], along)))
         else:
             frame = before.then(Placement(turn_about(axis, q[number]), NOWHERE))
-        placed.append(Joint(parent, slides, along, frame))
+        error = read_size(arm["position_error"][number], f"position_error of joint {number}")
+        placed.append(Joint(parent, slides, along, frame, error))
     return placed
+
+
+def are_small(*numbers: Interval) -> bool:
+    """Whether they are no more than what rounding makes of 0."""
+    return all(SKEWNESS.covers(abs(one)) for one in numbers)
 
 
 def turn_about(axis: Vector, angle: Interval) -> tuple[Vector, Vector, Vector]:
     """Columns of a rotation, by Rodrigues' formula."""
     sine, cosine = sine_and_cosine(angle)
-    columns = []
-    for unit in ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE)):
+
+    def turn(unit: Vector) -> Vector:
         along = scale((ONE - cosine) * dot(axis, unit), axis)
-        columns.append(add(scale(cosine, unit), scale(sine, cross(axis, unit)), along))
-    return columns[0], columns[1], columns[2]
+        return add(scale(cosine, unit), scale(sine, cross(axis, unit)), along)
 
-
-class Range(NamedTuple):
-    """Displacements that one joint can have from its true position at the stamp."""
-
-    low: Interval
-    high: Interval
-
-    @property
-    def size(self) -> Interval:
-        """The greatest displacement, either way."""
-        return greatest(self.high, -self.low, ZERO)
+    return turn((ONE, ZERO, ZERO)), turn((ZERO, ONE, ZERO)), turn((ZERO, ZERO, ONE))
 
 
 class Mover(NamedTuple):
@@ -132,35 +134,31 @@ class Ball:
         size: Its radius, and what the centre may be off by, as joints may be.
     """
 
-    def __init__(
-        self,
-        joints: list[Joint],
-        carrier: int,
-        center: Vector,
-        radius: Interval,
-        lever: list[Interval],
-        errors: list[Interval],
-    ) -> None:
+    def __init__(self, joints: list[Joint], carrier: int, ball: dict[str, Any]) -> None:
+        center = read_vector(ball["center"], "center of a ball")
+        lever = read_list(ball["lever"], len(joints), "lever")
         self.center = center if carrier < 0 else joints[carrier].frame.place(center)
-        self._radius = self.size = radius
+        self._radius = self.size = read_size(ball["radius"], "radius of a ball")
         self._movers: list[Mover] = []
         while carrier >= 0:
-            joint = joints[carrier]
-            column, axis = joint.axis, NOWHERE
-            if not joint.slides:
-                from_axis = add(self.center, scale(-ONE, joint.frame.origin))
-                column, axis = cross(joint.axis, from_axis), joint.axis
-            mover = Mover(carrier, joint.slides, column, axis, lever[carrier], errors[carrier])
+            parent, slides, axis, frame, error = joints[carrier]
+            from_axis = add(self.center, scale(-ONE, frame.origin))
+            column, turns = (axis, NOWHERE) if slides else (cross(axis, from_axis), axis)
+            mover = Mover(carrier, slides, column, turns, lever[carrier], error)
             # A stated axis is as long as 1 and what rounding has made of it.
-            if length(column).exceeds(mover.lever * (ONE + SKEWNESS)):
-                raise ProofError(f"a lever is shorter than the ball is from joint {carrier} now")
+            is_short = length(column).exceeds(mover.lever * (ONE + SKEWNESS))
+            require(not is_short, f"a lever is shorter than the ball is from joint {carrier} now")
             self._movers.insert(0, mover)
-            self.size += mover.lever * mover.error
-            carrier = joint.parent
-        if radius.low < 0 or any(one.error.low < 0 for one in self._movers):
-            raise ProofError("a radius or an error is below 0")
-        ways = [one.error for one in self._movers]
-        self._column_errors = [self._reach(k, ways) for k in range(len(ways))]
+            self.size += mover.lever * error
+            carrier = parent
+        ways, movers = [one.error for one in self._movers], self._movers
+        places = range(len(movers))
+        self._second = [
+            [cross(movers[min(i, j)].axis, movers[max(i, j)].column) for j in places]
+            for i in places
+        ]
+        """Second derivatives of the centre, by each two joints."""
+        self._column_errors = [self._reach(k, ways) for k in places]
 
     def displacement(self, normal: Vector, ranges: list[Range], room: Interval) -> Interval:
         """How far it can get along a unit vector; no sharper than it takes to be below `room`."""
@@ -193,39 +191,30 @@ class Ball:
             if not slides:
                 spread, angle, rate = spread + width[k], angle + size[k], rate + pace[k]
         columns = [one.column for one in movers]
-        middle = []
-        for j, one in enumerate(movers):
-            parts = [one.column]
-            for i, other in enumerate(movers):
-                near, far = (other, one) if i <= j else (one, other)
-                parts.append(scale(shift[i], cross(near.axis, far.column)))
-            middle.append(add(*parts))
+        middle = [add(c, combine(shift, row)) for c, row in zip(columns, self._second, strict=True)]
         by_middle, by_columns = (fastest_sum(one, mean, half) for one in (middle, columns))
         center = least(most, by_middle + bend, by_columns + wide)
-        turning = length(add(*[scale(m, one.axis) for one, m in zip(movers, mean, strict=True)]))
+        turning = length(combine(mean, [one.axis for one in movers]))
         twist += total([h for one, h in zip(movers, half, strict=True) if not one.slides])
         return center + self._radius * least(rate, turning + twist)
 
     def _reach(self, place: int, ways: list[Interval]) -> Interval:
         """How much a column can change while joints go these ways."""
         changed = ZERO
-        for other, mover in enumerate(self._movers):
-            both = mover, self._movers[place]
-            near, far = both if other <= place else both[::-1]
-            if not near.slides:
-                changed += far.lever * ways[other]
+        for other, way in enumerate(ways):
+            if not self._movers[min(place, other)].slides:
+                changed += self._movers[max(place, other)].lever * way
         return changed
 
     def _by_levers(self, normal: Vector, ranges: list[Range]) -> Interval:
         """By slopes that start at their own and change as columns do, and never beyond levers."""
-        sizes = [one.size for one in ranges]
-        found = ZERO
+        sizes, found = [one.size for one in ranges], ZERO
         for place, (mover, (low, high)) in enumerate(zip(self._movers, ranges, strict=True)):
             slope, off = dot(normal, mover.column), self._column_errors[place]
             spread = self._reach(place, sizes)
             rising = find_mean(off + slope, spread, mover.lever)
             falling = find_mean(off - slope, spread, mover.lever)
-            ends = [way * rising if way.low > 0 else -way * falling for way in (low, high)]
+            ends = [way * rising if way.high > 0 else -way * falling for way in (low, high)]
             found += greatest(*ends)
         return found
 
@@ -233,12 +222,7 @@ class Ball:
         """By slopes, second derivatives, and what third ones can add."""
         movers = self._movers
         slopes = [dot(normal, one.column) for one in movers]
-        bends: list[list[Interval]] = []
-        for i in range(len(movers)):
-            row = [bends[j][i] for j in range(i)]
-            side = cross(normal, movers[i].axis)
-            row += [dot(side, movers[j].column) for j in range(i, len(movers))]
-            bends.append(row)
+        bends = [[dot(normal, one) for one in row] for row in self._second]
         ends = []
         for slope, row, (low, high) in zip(slopes, bends, ranges, strict=True):
             pairs = [(h * one.low, h * one.high) for h, one in zip(row, ranges, strict=True)]
@@ -251,10 +235,8 @@ class Ball:
         for place, (mover, one) in enumerate(zip(movers, ranges, strict=True)):
             pairs = [(h * a, h * b) for h, (a, b) in zip(bends[place], ends, strict=True)]
             rise, fall = total([greatest(*p) for p in pairs]), total([least(*p) for p in pairs])
-            moved = [
-                w * (slopes[place] + (rise if w.low > 0 else fall).half()) for w in ends[place]
-            ]
-            found += greatest(*moved)
+            bent = ((w, (rise if w.high > 0 else fall).half()) for w in ends[place])
+            found += greatest(*[w * (slopes[place] + bend) for w, bend in bent])
             wider = one.size + ROOT_3 * mover.error
             third = (wide * wide).half()
             if not mover.slides:
@@ -279,10 +261,9 @@ def find_mean(slope: Interval, spread: Interval, lever: Interval) -> Interval:
 
 def fastest_sum(vectors: list[Vector], mean: list[Interval], half: list[Interval]) -> Interval:
     """The greatest length of a sum of vectors with factors within `half` of `mean`, or more."""
-    middle = add(*[scale(factor, vector) for factor, vector in zip(mean, vectors, strict=True)])
+    middle, square = combine(mean, vectors), ZERO
     parts = [scale(factor, vector) for factor, vector in zip(half, vectors, strict=True)]
-    square = dot(middle, middle)
     for place, part in enumerate(parts):
         along = abs(dot(middle, part)) + total([abs(dot(part, one)) for one in parts[:place]])
         square += dot(part, part) + along + along
-    return square.root()
+    return (dot(middle, middle) + square).root()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 BITS = 128
 """Ends of intervals are whole multiples of 2**-BITS."""
@@ -14,8 +15,18 @@ TERMS = 20
 """Of the series of sine and cosine up to 1/2: the next one is below 2**-190."""
 
 
+LARGEST = 1 << 64
+"""Numbers of a proof are smaller, so that `UNBOUNDED` is above whatever comes of them."""
+
+
 class ProofError(Exception):
     """Why a proof does not hold."""
+
+
+def require(holds: bool, why: str) -> None:
+    """Refuse the proof unless something holds."""
+    if not holds:
+        raise ProofError(why)
 
 
 class Interval:
@@ -47,8 +58,7 @@ class Interval:
         return Interval(min(products) >> BITS, -(-max(products) >> BITS))
 
     def __truediv__(self, other: Interval) -> Interval:
-        if not other.low > 0:
-            raise ProofError("something is divided by what may be 0")
+        require(other.low > 0, "something is divided by what may be 0")
         low, high = self.low << BITS, self.high << BITS
         return Interval(
             low // (other.high if low >= 0 else other.low),
@@ -79,8 +89,8 @@ class Interval:
 
 ZERO = Interval(0, 0)
 ONE = Interval(1 << BITS, 1 << BITS)
-NONE = Interval(1 << (BITS + 200), 1 << (BITS + 200))
-"""Stands for an infinite bound: 2**200, which is above any bound that a proof can need."""
+UNBOUNDED = Interval(1 << (BITS + 200), 1 << (BITS + 200))
+"""Stands for an infinite bound."""
 UNIT = Interval(-1, 1)
 """What rounding, or the rest of a series, may add."""
 
@@ -88,32 +98,44 @@ Vector = tuple[Interval, Interval, Interval]
 NOWHERE: Vector = (ZERO, ZERO, ZERO)
 
 
-def read(value: object) -> Interval:
-    """A number of a proof, as the real number that it stands for."""
-    if type(value) not in (float, int) or not math.isfinite(value):  # type: ignore[arg-type]
-        raise ProofError(f"{value!r} stands where a finite number is needed")
-    top, bottom = value.as_integer_ratio()  # type: ignore[attr-defined]
+def read(value: object, name: str = "a number") -> Interval:
+    """A number of a proof, as the real number that it stands for; `name` is for errors."""
+    if not (isinstance(value, float | int) and type(value) is not bool and abs(value) < LARGEST):
+        raise ProofError(f"{name} is {value!r:.40}, expected a finite number below 2**64")
+    top, bottom = value.as_integer_ratio()
     return Interval((top << BITS) // bottom, -((-top << BITS) // bottom))
 
 
-def read_bound(value: object) -> Interval:
-    """A bound of a proof; where there is none, one that no motion comes near."""
+def read_bound(value: object, name: str = "a bound") -> Interval:
+    """A number of a proof, or the words for an infinite one."""
     if value in ("Infinity", "-Infinity"):
-        return NONE if value == "Infinity" else -NONE
-    return read(value)
+        return UNBOUNDED if value == "Infinity" else -UNBOUNDED
+    return read(value, name)
 
 
-def read_list(values: object, count: int) -> list[Interval]:
+def read_size(value: object, name: str, read: Callable[[object, str], Interval] = read) -> Interval:
+    """A number of a proof that cannot be below 0."""
+    size = read(value, name)
+    require(size.low >= 0, f"{name} is {value!r}, expected a number of at least 0")
+    return size
+
+
+def read_list(values: object, count: int, name: str = "a list") -> list[Interval]:
     """So many numbers."""
     if not isinstance(values, list) or len(values) != count:
-        raise ProofError(f"{count} numbers are needed where there are others")
-    return [read(value) for value in values]
+        raise ProofError(f"{name} is not a list of {count} numbers")
+    return [read(value, f"{name}[{place}]") for place, value in enumerate(values)]
 
 
-def read_vector(values: object) -> Vector:
+def read_vector(values: object, name: str = "a vector") -> Vector:
     """Three numbers."""
-    x, y, z = read_list(values, 3)
+    x, y, z = read_list(values, 3, name)
     return x, y, z
+
+
+def read_vectors(values: list[object], name: str) -> list[Vector]:
+    """Vectors whose numbers stand one after another."""
+    return [read_vector(values[k : k + 3], name) for k in range(0, len(values), 3)]
 
 
 def greatest(*values: Interval) -> Interval:
@@ -152,6 +174,11 @@ def scale(factor: Interval, a: Vector) -> Vector:
     return factor * a[0], factor * a[1], factor * a[2]
 
 
+def combine(factors: list[Interval], vectors: list[Vector]) -> Vector:
+    """Sum of vectors, each times its factor."""
+    return add(*[scale(factor, one) for factor, one in zip(factors, vectors, strict=True)])
+
+
 def length(a: Vector) -> Interval:
     """Length of a vector."""
     return dot(a, a).root()
@@ -163,8 +190,7 @@ def sine_and_cosine(angle: Interval) -> tuple[Interval, Interval]:
     while abs(angle).high > 1 << (BITS - 1):
         angle = angle.half()
         halvings += 1
-        if halvings > MOST_HALVINGS:
-            raise ProofError("a joint is turned by an angle that is beyond all use")
+        require(halvings <= MOST_HALVINGS, "a joint is turned by an angle that is beyond all use")
     square = angle * angle
     sine, cosine = angle + UNIT, ONE + UNIT
     odd, even = angle, ONE

@@ -1,4 +1,4 @@
-"""Where joints can be, and how fast: what their limits allow from a measured state.
+"""Where joints can be, and how fast: a tube that a proof states, and what their limits allow.
 
 A joint speeds up by no more than `speeding` up to `top`, and slows down by no more than `accel`. It
 stays between its stops; where it may have reached one it may have been thrown back from there, by
@@ -9,9 +9,11 @@ Upwards and downwards are mirror images, so all of this is said of one of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from armguard_check.intervals import (
+    ONE,
     ZERO,
     Interval,
     ProofError,
@@ -19,7 +21,26 @@ from armguard_check.intervals import (
     least,
     read,
     read_bound,
+    read_list,
+    read_size,
+    require,
 )
+
+ERRORS = "position_error", "velocity_error"
+LIMITS = *ERRORS, "operating_velocity", "acceleration", "operating_acceleration"
+"""Numbers of each joint, as the arm has them."""
+
+
+class Range(NamedTuple):
+    """Displacements that one joint can have from its true position at the stamp."""
+
+    low: Interval
+    high: Interval
+
+    @property
+    def size(self) -> Interval:
+        """The greatest displacement, either way."""
+        return greatest(self.high, -self.low, ZERO)
 
 
 class Stop(NamedTuple):
@@ -48,89 +69,46 @@ class Stop(NamedTuple):
         return least(*ways)
 
 
-class Side(NamedTuple):
-    """What bounds one joint one way, which is called up here."""
+class Free(NamedTuple):
+    """A joint that speeds up one way as hard as it can, and meets no stop."""
 
     start: Interval
-    """Its greatest velocity at the stamp."""
+    """Its greatest velocity at first, at most `top`."""
     accel: Interval
     speeding: Interval
     top: Interval
-    room: Interval
-    """How far it is to its stop ahead, at most."""
-    room_behind: Interval
-    """How far its stop behind is at the least, and at least 0."""
-    behind: Interval
-    """When it can have got to that first."""
-    stops: list[Stop]
+
+    @property
+    def turn(self) -> Interval | None:
+        """When it turns round, by `accel`; None: it does not, or speeds up as hard."""
+        is_back = self.start.high < 0 and self.accel.exceeds(self.speeding)
+        return -self.start / self.accel if is_back else None
 
     def velocity(self, s: Interval) -> Interval:
-        """The greatest that it can have `s` after its stamp, while it is free."""
-        start, turn = turn_round(self.start, self.accel, self.speeding, self.top)
-        fastest = least(self.top, start + self.speeding * s)
-        if turn is not None:
-            before = start + self.accel * s
-            after = least(self.top, self.speeding * greatest(s - turn, ZERO))
-            fastest = before if turn.covers(s) else after
-        if not self.behind.covers(s):
-            thrown = least(self.top, self.accel * greatest(s - self.behind, ZERO))
-            fastest = greatest(fastest, thrown)
-        return fastest
+        """The greatest after `s`."""
+        if self.turn is None:
+            return least(self.top, self.start + self.speeding * s)
+        if self.turn.covers(s):
+            return self.start + self.accel * s
+        return least(self.top, self.speeding * greatest(s - self.turn, ZERO))
 
     def displacement(self, s: Interval) -> Interval:
-        """The greatest after `s`, while it is free, before it is clipped."""
-        start, turn = turn_round(self.start, self.accel, self.speeding, self.top)
-        if turn is None:
-            highest = advance(start, self.speeding, self.top, s)
-        elif turn.covers(s):
-            highest = s * (start + (self.accel * s).half())
-        else:
-            after = advance(ZERO, self.speeding, self.top, greatest(s - turn, ZERO))
-            highest = after + (start * turn).half()
-        if not self.behind.covers(s):
-            since = greatest(s - self.behind, ZERO)
-            thrown = advance(ZERO, self.accel, self.top, since) - self.room_behind
-            highest = greatest(highest, thrown)
-        return highest
+        """The greatest after `s`."""
+        if self.turn is None:
+            return advance(self.start, self.speeding, self.top, s)
+        if self.turn.covers(s):
+            return advance(self.start, self.accel, self.top, s)
+        since = greatest(s - self.turn, ZERO)
+        return advance(ZERO, self.speeding, self.top, since) + (self.start * self.turn).half()
 
-    def find_stop(self, speed: Interval) -> Stop:
-        """How it stops from a speed; refused beyond the range of its brakes."""
-        for stop in self.stops:
-            if stop.speed.covers(speed):
-                return stop
-        raise ProofError("a joint can be faster at the bite than its brakes are stated for")
-
-    def highest(self, s: Interval, free: Interval | None) -> Interval:
-        """The greatest displacement from the truth at the stamp, `s` after it."""
-        if free is None or free.covers(s):
-            return least(self.room, self.displacement(s))
-        begin = least(self.room, self.displacement(free))
-        speed, since = self.velocity(free), s - free
-        if speed.high > 0:
-            way = self.find_stop(speed).way(greatest(speed, ZERO), since)
-        else:
-            until = least(since, -speed / self.accel)
-            way = until * (speed + (self.accel * until).half())
-        # One that has come to its stop behind it stays there.
-        return least(self.room, greatest(begin + way, -self.room_behind))
-
-    def fastest_from(self, s: Interval, free: Interval) -> Interval:
-        """The greatest velocity from `s` on, of a joint that brakes by `free`."""
-        speed = self.velocity(free)
-        if speed.high <= 0:
+    def arrival(self, way: Interval) -> Interval:
+        """When it can have gone so far, at the earliest."""
+        if way.low <= 0:
             return ZERO
-        stop, since = self.find_stop(speed), s - free
-        if since.covers(stop.rest_time(speed)):
-            return ZERO
-        return greatest(speed - stop.deceleration * greatest(since, ZERO), ZERO)
-
-
-def turn_round(
-    start: Interval, accel: Interval, speeding: Interval, top: Interval
-) -> tuple[Interval, Interval | None]:
-    """The start that counts, and when a joint turns round; None: it does not, or no harder."""
-    start = least(start, top)
-    return start, -start / accel if start.high < 0 and accel.exceeds(speeding) else None
+        if self.turn is None:
+            return arrive(self.start, self.speeding, self.top, way)
+        way -= (self.start * self.turn).half()
+        return self.turn + arrive(ZERO, self.speeding, self.top, way)
 
 
 def advance(start: Interval, accel: Interval, top: Interval, s: Interval) -> Interval:
@@ -151,37 +129,136 @@ def arrive(start: Interval, accel: Interval, top: Interval, way: Interval) -> In
     return ramp + (way - ((start + top) * ramp).half()) / top
 
 
-def find_arrival(
-    start: Interval, accel: Interval, speeding: Interval, top: Interval, room: Interval
-) -> Interval:
-    """When a joint can first be at a stop that is `room` ahead at the least."""
-    if room.low <= 0:
-        return ZERO
-    start, turn = turn_round(start, accel, speeding, top)
-    if turn is None:
-        return arrive(start, speeding, top, room)
-    return turn + arrive(ZERO, speeding, top, room - (start * turn).half())
+class Side(NamedTuple):
+    """What bounds one joint one way, which is called up here."""
+
+    free: Free
+    thrown: Free
+    """From its stop behind, once it can have got there."""
+    room: Interval
+    """How far it is to its stop ahead, at most."""
+    room_behind: Interval
+    """How far its stop behind is at the least, and at least 0."""
+    behind: Interval
+    """When it can have got to that first."""
+    stops: list[Stop]
+
+    def velocity(self, s: Interval) -> Interval:
+        """The greatest that it can have `s` after its stamp, while it is free."""
+        fastest, since = self.free.velocity(s), greatest(s - self.behind, ZERO)
+        is_early = self.behind.covers(s)
+        return fastest if is_early else greatest(fastest, self.thrown.velocity(since))
+
+    def displacement(self, s: Interval) -> Interval:
+        """The greatest after `s`, while it is free, before it is clipped."""
+        highest, since = self.free.displacement(s), greatest(s - self.behind, ZERO)
+        thrown = self.thrown.displacement(since) - self.room_behind
+        return highest if self.behind.covers(s) else greatest(highest, thrown)
+
+    def find_stop(self, speed: Interval) -> Stop:
+        """How it stops from a speed; refused beyond the range of its brakes."""
+        for stop in self.stops:
+            if stop.speed.covers(speed):
+                return stop
+        raise ProofError("a joint can be faster at the bite than its brakes are stated for")
+
+    def highest(self, s: Interval, free: Interval | None) -> Interval:
+        """The greatest displacement from the truth at the stamp, `s` after it."""
+        if free is None or free.covers(s):
+            return least(self.room, self.displacement(s))
+        begin = least(self.room, self.displacement(free))
+        speed, since = self.velocity(free), s - free
+        if speed.high > 0:
+            way = self.find_stop(speed).way(greatest(speed, ZERO), since)
+        else:
+            until = least(since, -speed / self.free.accel)
+            way = until * (speed + (self.free.accel * until).half())
+        # One that has come to its stop behind it stays there.
+        return least(self.room, greatest(begin + way, -self.room_behind))
+
+    def fastest_from(self, s: Interval, free: Interval) -> Interval:
+        """The greatest velocity from `s` on, of a joint that brakes by `free`."""
+        speed = self.velocity(free)
+        if speed.high <= 0:
+            return ZERO
+        stop, since = self.find_stop(speed), s - free
+        if since.covers(stop.rest_time(speed)):
+            return ZERO
+        return greatest(speed - stop.deceleration * greatest(since, ZERO), ZERO)
 
 
 def read_sides(arm: dict[str, Any], joint: int, q: Interval, v: Interval) -> tuple[Side, Side]:
     """What bounds a joint upwards and downwards."""
-    error, slack = read(arm["position_error"][joint]), read(arm["velocity_error"][joint])
-    accel = read(arm["acceleration"][joint])
-    speeding = read(arm["operating_acceleration"][joint])
-    top = greatest(read(arm["operating_velocity"][joint]), abs(v))
-    above, below = read_bound(arm["upper"][joint]) - q, q - read_bound(arm["lower"][joint])
-    if min(error.low, slack.low) < 0 or min(accel.low, speeding.low) <= 0:
-        raise ProofError(f"limits of joint {joint} are unusable")
-    names = "speed", "deceleration", "time", "distance"
-    columns = [map(read_bound, arm["brakes"][joint][name]) for name in names]
+
+    def size(value: object, name: str, read: Callable[[object, str], Interval] = read) -> Interval:
+        return read_size(value, f"{name} of joint {joint}", read)
+
+    error, slack, operating, accel, speeding = (size(arm[key][joint], key) for key in LIMITS)
+    require(min(accel.low, speeding.low) > 0, f"an acceleration of joint {joint} is 0")
+    lower, upper = (read_bound(arm[key][joint], key) for key in ("lower", "upper"))
+    require(upper.covers(lower), f"lower of joint {joint} is above its upper")
+    brakes, top = arm["brakes"][joint], greatest(operating, abs(v))
+    columns = [[size(one, key, read_bound) for one in brakes[key]] for key in Stop._fields]
     stops = [Stop(*entry) for entry in zip(*columns, strict=True)]
-    if any(number.low < 0 for stop in stops for number in stop):
-        raise ProofError(f"brakes of joint {joint} are unusable")
+    are_possible = all(accel.covers(stop.deceleration) for stop in stops)
+    require(are_possible, f"brakes of joint {joint} are stronger than its acceleration")
+    thrown = Free(ZERO, accel, accel, top)
 
     def read_side(v: Interval, ahead: Interval, behind: Interval) -> Side:
         # It may be nearer to its stop than it is measured.
         behind, ahead = greatest(behind - error, ZERO), greatest(ahead, ZERO) + error
-        arrival = find_arrival(slack - v, accel, speeding, top, behind)
-        return Side(v + slack, accel, speeding, top, ahead, behind, arrival, stops)
+        free, back = (Free(least(one + slack, top), accel, speeding, top) for one in (v, -v))
+        return Side(free, thrown, ahead, behind, back.arrival(behind), stops)
 
-    return read_side(v, above, below), read_side(-v, below, above)
+    return read_side(v, upper - q, q - lower), read_side(-v, q - lower, upper - q)
+
+
+class Tube:
+    """Where joints are from a tick on: ranges at nodes, which hold all that is between them.
+
+    Attributes:
+        times: Of the nodes, from the tick on.
+        last: The last node.
+        fast: Greatest velocities from each node on, by joint; nothing where none are stated.
+        slow: Least velocities, alike.
+    """
+
+    def __init__(self, motion: dict[str, Any], count: int) -> None:
+        self.times = read_list(motion["times"], len(motion["times"]), "times")
+        self.last = len(self.times) - 1
+        rises = all(self.times[k + 1].exceeds(self.times[k]) for k in range(self.last))
+        is_whole = self.last > 0 and self.times[0].high == 0
+        require(is_whole and rises, "times of a tube do not rise from its tick on")
+        rows = []
+        for name in ("high", "low", "fastest", "slowest"):
+            size = len(self.times) * count if motion[name] else 0
+            numbers = read_list(motion[name], size, name)
+            rows.append([numbers[k : k + count] for k in range(0, size, count)])
+        self._high, self._low, self.fast, self.slow = rows
+
+    def span(self, first: int, last: int) -> list[Range]:
+        """Where joints are from one node to another."""
+        nodes = slice(first, last + 1)
+        lows, highs = (zip(*rows[nodes], strict=True) for rows in (self._low, self._high))
+        return [Range(least(*low), greatest(*high)) for low, high in zip(lows, highs, strict=True)]
+
+    def check(self, sides: list[tuple[Side, Side]], age: Interval, free: Interval | None) -> None:
+        """Refuse it unless it holds all that joints can do.
+
+        A displacement falls at most once and then rises, so that nodes hold what is between them.
+
+        Args:
+            sides: What bounds each joint.
+            age: Time of the tick, from the stamp of the joint state on.
+            free: When brakes bite at last, alike; None: never.
+        """
+        for node, time in enumerate(self.times):
+            for joint, both in enumerate(sides):
+                ways, paces = (self._high, self._low), (self.fast, self.slow)
+                for side, way, pace, sign in zip(both, ways, paces, (ONE, -ONE), strict=True):
+                    is_held = (sign * way[node][joint]).covers(side.highest(age + time, free))
+                    require(is_held, f"joint {joint} can leave the tube at node {node}")
+                    if free is not None and pace:
+                        fastest = side.fastest_from(age + time, free)
+                        is_held = (sign * pace[node][joint]).covers(fastest)
+                        require(is_held, f"joint {joint} can be faster from node {node} on")

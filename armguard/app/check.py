@@ -13,10 +13,15 @@ from armguard.app.processes import COMPLAINT
 from armguard.app.terminal import print_json
 from armguard.exceptions import ArmguardError
 from armguard.messages.proof import Proof
+from armguard.recording.agreement import Agreement
 from armguard.recording.reading import Recording
 
 if TYPE_CHECKING:
     from armguard.app import cli
+
+
+PLACE = "sequence", "now", "link", "obstacle"
+"""What names a proof."""
 
 
 def check(wishes: cli.Check) -> int:
@@ -37,11 +42,16 @@ def check(wishes: cli.Check) -> int:
         if recording.is_cut_off:
             lines.insert(1, "the recording has no end: what wrote it was killed")
         sys.stdout.write("".join(f"{line}\n" for line in lines))
-    return 0 if 0 < found["proofs"] == found["verified"] else COMPLAINT
+    return 0 if 0 < found["proofs"] == found["verified"] == found["agreeing"] else COMPLAINT
 
 
 def _check_proofs(recording: Recording) -> dict[str, Any]:
-    """What `python -m armguard_check` says of the proofs, which it reads as they stand there."""
+    """What `python -m armguard_check` says of the proofs, which it reads as they stand there.
+
+    And whether they agree with what stands beside them.
+    """
+    agreement = Agreement(recording)
+    first: dict[str, Any] | None = None
     # The one that stands beside this package, wherever the process starts.
     beside = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     with subprocess.Popen(
@@ -54,8 +64,12 @@ def _check_proofs(recording: Recording) -> dict[str, Any]:
         assert checker.stdout is not None, "it is a pipe"
         try:
             for _, event, data in recording.events():
+                problem = agreement.take(event)
                 if isinstance(event, Proof):
                     checker.stdin.write(data + b"\n")
+                    if problem and first is None:
+                        place = {key: getattr(event, key) for key in PLACE}
+                        first = {**place, "why": problem}
             checker.stdin.close()
         except BrokenPipeError:
             pass  # what it has to say of that stands on standard error
@@ -66,22 +80,24 @@ def _check_proofs(recording: Recording) -> dict[str, Any]:
         raise ArmguardError(
             "armguard_check", f"has ended with {checker.returncode}", expected="its report"
         ) from None
-    return found
+    return found | {"agreeing": agreement.agreeing, "first_disagreeing": first}
 
 
 def _describe(found: dict[str, Any]) -> list[str]:
     """What was found, for people."""
-    first = found["first_refused"]
     lines = [
         f"{found['proofs']} proofs, {found['verified']} verified",
+        f"{found['agreeing']} agree with the verdicts, settings and arm that were recorded",
         f"{found['contact_free']} prove that there is no contact before a time",
         f"{found['rests_in_time']} prove that the arm, told to stop, is at rest or slow enough "
         "before contact",
         f"{found['rests_only']} prove only that the arm, told to stop, comes to rest",
         *(f"trusted: arm {digest}, {count} proofs" for digest, count in found["arms"].items()),
     ]
-    if first is not None:
-        place = f"tick {first['sequence']} at {first['now']} s"
-        pair = f"{first['link']} and {first['obstacle']}"
-        lines.append(f"first that does not hold: {place}, {pair}: {first['why']}")
+    for kind, words in (("refused", "does not hold"), ("disagreeing", "does not agree")):
+        first = found[f"first_{kind}"]
+        if first is not None:
+            place = f"tick {first['sequence']} at {first['now']} s"
+            pair = f"{first['link']} and {first['obstacle']}"
+            lines.append(f"first that {words}: {place}, {pair}: {first['why']}")
     return lines

@@ -179,7 +179,7 @@ class BrakingMotion(JointSpaceMotion):
                 then than its brakes are stated for, or a time is unusable.
         """
         position, velocity = check_state(self._robot, self.limits, q, v)
-        joint = self._find_uncovered(position, velocity, age, check_duration("horizon", horizon))
+        joint = self.find_uncovered(position, velocity, age, check_duration("horizon", horizon))
         if joint != ALL_COVERED:
             raise ArmguardError(
                 f"joint {self._robot.joints[joint]!r}",
@@ -219,9 +219,10 @@ class BrakingMotion(JointSpaceMotion):
             age: Now minus the stamp of the state, in [s].
             horizon: Time at which braking is commanded, in [s] from now.
         """
-        return self._find_uncovered(q, v, age, horizon) == ALL_COVERED
+        return self.find_uncovered(q, v, age, horizon) == ALL_COVERED
 
-    def _find_uncovered(self, q: FloatArray, v: FloatArray, age: float, horizon: float) -> int:
+    def find_uncovered(self, q: FloatArray, v: FloatArray, age: float, horizon: float) -> int:
+        """The first joint for which `covers` is false; `ALL_COVERED` if there is none."""
         state = (np.ascontiguousarray(one, dtype=np.float64) for one in (q, v))
         joint: int = self._find_first(self.handle, *state, age, horizon, self.reaction_time)
         return joint

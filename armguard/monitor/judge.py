@@ -19,6 +19,7 @@ from armguard.robot.brakes import scale_that_rests, scale_within_range
 from armguard.robot.joint_states import JointStates
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
+from armguard.robot.stop_time import ALL_COVERED
 from armguard.scheduling.scheduler import NO_CONTACT, PermittedContact, Scheduler, Tick, TickResult
 from armguard.scheduling.timing_wheel import NOBODY
 from armguard.settings.settings import Settings
@@ -89,6 +90,7 @@ class Judge:
         self._scheduler = scheduler
         self._rule = rule
         self._certify = settings.certify
+        self._joints = robot.joints
         self._budget = settings.budget
         self._response_time = settings.response_time
         self._braking_delay = settings.braking_delay
@@ -224,7 +226,12 @@ class Judge:
                 told_pair = offending
                 told_time = max(self._scheduler.find_harm_expiry(offending) - tick.time, 0.0)
             deciding = names if told_pair == pair else self._scheduler.arm.names(told_pair)
-            reasons.append(self._tell_contact(told_pair, deciding, told_time))
+            told = self._tell_contact(told_pair, deciding, told_time)
+            if is_asked and stopping is not None and stopping.thrown != ALL_COVERED:
+                joint = self._joints[stopping.thrown]
+                thrown = f"; the stop of {joint} may throw it back beyond its brakes' range"
+                told = told._replace(detail=told.detail + thrown)
+            reasons.append(told)
         if permitted is not None and permitted.pair != NOBODY and level is not STOP:
             assert self._limits is not None, "nothing is permitted without limits"
             reasons.append(self._limits.tell_permitted(permitted))

@@ -169,6 +169,8 @@ class Monitor:
 
             self._contact = ContactWatch(robot, self._scheduler)
         self._last: tuple[Tick | None, TickResult] = None, NOTHING_FOUND
+        self._decided_by = 0
+        """Revision of the obstacle that decided the last verdict, in its tick."""
         self._epoch = math.nan
         self._now = NEVER
         self._quiet_until = -math.inf
@@ -562,19 +564,22 @@ class Monitor:
     def prove(self, verdict: Verdict) -> Proof | None:
         """Make the proof about the deciding pair of the last verdict, for `armguard_check`.
 
-        This takes the time of some evaluations. docs/proofs.md says what the proof claims.
+        The proof is computed on request, in the time of some evaluations. Call this before the
+        next update of the obstacle. docs/proofs.md says what a proof claims.
 
         Args:
             verdict: The verdict that the last step returned.
 
         Returns:
-            The proof; None if there is nothing to prove: no pair decided, the obstacle was removed
-            or could be anywhere, the joint state is newer than its tick or was not believed, or a
-            newer verdict exists.
+            The proof; None if there is nothing to prove: no pair decided, the obstacle was updated
+            or removed since or could be anywhere, the payload was changed since, the joint state is
+            newer than its tick or was not believed, or a newer verdict exists.
         """
         tick, result = self._last
         is_last = tick is not None and tick.number == verdict.sequence == self._sequence
         if tick is None or not is_last or result.pair == NOBODY or self._unplaced:
+            return None
+        if self._reloaded or self._scheduler.revision(result.pair) != self._decided_by:
             return None
         return self._queries.prove(tick, result.pair, verdict)
 
@@ -694,6 +699,7 @@ class Monitor:
             # How far to look ahead needed a number; that the arm rests by then is not known.
             tick = tick._replace(stop_time=math.inf, late_stop_time=math.inf)
         self._last = tick, result
+        self._decided_by = scheduler.revision(result.pair)
         contact = self._contact
         if contact is not None:
             reasons += contact.update(tick, result.expiry, is_on_piece=is_proved)

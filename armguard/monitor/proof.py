@@ -7,27 +7,15 @@ STOP it proves that the arm is at rest by the end of its tube, and before it can
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 
 from armguard.bounds.joint_table import make_table
-from armguard.jit.arrays import FloatArray
 from armguard.jit.handle import machine_code, pack
 from armguard.jit.numerics import SUM_ROUNDING
-from armguard.messages.proof import (
-    BrakeColumns,
-    CoverBall,
-    JointPlace,
-    ObstacleState,
-    Proof,
-    ProvedMotion,
-    Separation,
-    TrustedArm,
-    TrustedCover,
-    seal,
-)
+from armguard.messages.proof import ObstacleState, Proof, ProvedMotion, Separation
+from armguard.monitor.trusted import TrustedParts
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.regions import strictest_limit
 from armguard.pairs.arm import WatchedArm
@@ -40,10 +28,9 @@ from armguard.pairs.separations import (
     make_separations,
     tabulate,
 )
-from armguard.robot.joints import find_axis, is_prismatic
 from armguard.scheduling.scheduler import Tick
 from armguard.settings.settings import Settings
-from armguard.verdict import Level, Verdict
+from armguard.verdict import FINISH, Level, Verdict
 
 NODES = 33
 """Of a tube."""
@@ -90,8 +77,10 @@ class Prover:
         self._found = make_separations(most, NODES)
         self._still = np.zeros((len(box.turning), 6))
         self._first = tree.root
-        self._told_arm: TrustedArm | None = None
-        self._told_of: tuple[bytes, ...] = ()
+        motion = arm.motion
+        self._trusted = TrustedParts(
+            arm.kinematics, motion.joint.limits, motion.joint.lever, motion.reach.link_balls
+        )
         self._pack()
 
     def _pack(self) -> None:
@@ -127,9 +116,11 @@ class Prover:
         # As compiled code was told of them.
         tick = tick._replace(q=np.ascontiguousarray(tick.q), v=np.ascontiguousarray(tick.v))
         told = "this" if verdict.level is Level.STOP else "next"
+        # An arm that is to finish its piece does not brake.
+        brakes = verdict.stop is not FINISH
         spheres: set[int] = set()
         free = self._prove_free(tick, link, row, len(bodies), spheres)
-        stop = self._prove_stop(tick, link, row, len(bodies), spheres, told)
+        stop = self._prove_stop(tick, link, row, len(bodies), spheres, told) if brakes else None
         motions = [motion for motion in (free, stop) if motion is not None]
         if not motions:
             return None
@@ -147,8 +138,8 @@ class Prover:
             **self._delays,
             margin=settings.margin,
             max_speed=float(limit.max_speed),
-            arm=self._describe_arm(),
-            cover=self._describe_cover(link, spheres),
+            arm=self._trusted.describe_arm(),
+            cover=self._trusted.describe_cover(names[0], link, spheres),
             states=[
                 ObstacleState(
                     # One that never moves is as old as the tick.
@@ -248,87 +239,3 @@ class Prover:
             slowest=slowest,
             separations=separations,
         )
-
-    def _describe_arm(self) -> TrustedArm:
-        """The trusted data of the arm, as it is now."""
-        limits = self.arm.motion.joint.limits
-        brakes = limits.brakes
-        # What may change from tick to tick; all else of the arm stands.
-        changing = (*brakes, limits.operating_velocity, limits.operating_acceleration)
-        stated = tuple(one.tobytes() for one in changing)
-        if self._told_arm is not None and self._told_of == stated:
-            return self._told_arm
-        arm = TrustedArm(
-            digest="",
-            joints=self._joints,
-            lower=limits.lower.tolist(),
-            upper=limits.upper.tolist(),
-            acceleration=limits.acceleration.tolist(),
-            operating_velocity=limits.operating_velocity.tolist(),
-            operating_acceleration=limits.operating_acceleration.tolist(),
-            position_error=limits.position_error.tolist(),
-            velocity_error=limits.velocity_error.tolist(),
-            brakes=[
-                BrakeColumns(
-                    speed=brakes.speed[j].tolist(),
-                    deceleration=brakes.deceleration[j].tolist(),
-                    time=brakes.time[j].tolist(),
-                    distance=brakes.distance[j].tolist(),
-                )
-                for j in range(len(limits.lower))
-            ],
-        )
-        seal(arm)
-        self._told_arm, self._told_of = arm, stated
-        return arm
-
-    def _describe_cover(self, link: int, spheres: set[int]) -> TrustedCover:
-        """The trusted data of the spheres of a link that the proof uses."""
-        arm, first = self.arm, int(self._first[link])
-        tree, placement = arm.state.tree, arm.kinematics.placement
-        own = np.flatnonzero(arm.state.link_of == link)
-        carrier = int(placement.joint[first])
-        cover = TrustedCover(
-            digest="",
-            link=arm.links[link],
-            carrier=self._places.get(carrier, -1),
-            reach=arm.motion.reach.link_balls[link].tolist(),
-            parents=[max(int(tree.parent[node]) - first, -1) for node in own],
-            balls=[
-                CoverBall(
-                    node=node,
-                    center=placement.local[first + node].tolist(),
-                    radius=float(tree.radius[first + node]),
-                    lever=arm.motion.joint.lever[first + node].tolist(),
-                )
-                for node in sorted(spheres)
-            ],
-        )
-        seal(cover)
-        return cover
-
-    @functools.cached_property
-    def _places(self) -> dict[int, int]:
-        """Indices of joints by Pinocchio's number."""
-        model = self.arm.kinematics.model
-        return {number: int(model.idx_vs[number]) for number in range(1, model.njoints)}
-
-    @functools.cached_property
-    def _joints(self) -> list[JointPlace]:
-        model, places = self.arm.kinematics.model, self._places
-        joints = []
-        for number in sorted(places, key=places.__getitem__):
-            placement: FloatArray = model.jointPlacements[number].rotation
-            joints.append(
-                JointPlace(
-                    name=model.names[number],
-                    parent=places.get(int(model.parents[number]), -1),
-                    slides=is_prismatic(model, number),
-                    axis=find_axis(model, number).tolist(),
-                    placement=[
-                        *placement.ravel().tolist(),
-                        *model.jointPlacements[number].translation.tolist(),
-                    ],
-                )
-            )
-        return joints

@@ -12,6 +12,7 @@ import math
 
 from armguard.bounds.joint_table import JointTable
 from armguard.monitor.kept_speeds import KeptSpeeds
+from armguard.robot.stop_time import ALL_COVERED
 from armguard.scheduling.certificates import ASKABLE, ENDING, IN_VAIN, PROVED
 from armguard.scheduling.scheduler import Scheduler, Tick
 from armguard.scheduling.timing_wheel import NOBODY
@@ -68,6 +69,8 @@ class StopDecision:
             last set to 0.
         offending: The pair for which the last decision failed; NOBODY if none failed, or if brakes
             are not stated for the joints' speeds.
+        thrown: The joint for which the last decision failed, whatever is near, because its stop may
+            throw it back faster than its brakes are stated for; `ALL_COVERED` if there is none.
         limiting: The pair that limits the scale, if it is known.
         braking_delay: Times from a tick until brakes engage after its verdict, or after the next
             one, in [s].
@@ -89,6 +92,7 @@ class StopDecision:
     def reset(self) -> None:
         """Drop earlier decisions."""
         self.offending = self.limiting = NOBODY
+        self.thrown = ALL_COVERED
         self._unsafe_in = -9
         self._raise_at = self._fell_at = -math.inf
         self._kept.reset()
@@ -102,7 +106,8 @@ class StopDecision:
         scheduler, braking = self._scheduler, self._scheduler.arm.motion.braking
         q, v, age, response_time = tick.q, tick.v, tick.arm_age, self._response_time
         self.offending = NOBODY
-        if not braking.covers(q, v, age, response_time):
+        self.thrown = braking.find_uncovered(q, v, age, response_time)
+        if self.thrown != ALL_COVERED:
             return False
         known = scheduler.recall_stops(tick, tick.stop_time, soon=SOON)
         if known == PROVED:

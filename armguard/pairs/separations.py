@@ -15,7 +15,7 @@ from armguard.bounds.joint_box import set_columns
 from armguard.bounds.joint_table import JointTable, fill_table
 from armguard.bounds.surface_speed import find_harmless_node
 from armguard.bounds.table_time import ArmSphere, aim, is_interval_free, is_usable
-from armguard.contact.bodies import Hull
+from armguard.contact.bodies import Bounds, Hull
 from armguard.jit.arrays import FloatArray, IntArray
 from armguard.jit.kernels import kernel
 from armguard.jit.numerics import SUM_ROUNDING, TERM_ROUNDING
@@ -81,11 +81,18 @@ def _separate(
     are_finite = set_columns(sphere.x, sphere.y, sphere.z, sphere.jacobian, table.box)
     if not (are_finite and is_usable(hull, distance)):
         return FAILED
+    # One that passes by is better seen from where it is headed than from where it could turn.
+    accel, _, error, age = hull.bounds
+    bounds = Bounds(accel, np.inf, error, age)
+    headed = Hull(hull.points, hull.velocities, hull.size, bounds)
     first, place = 0, begin
     while first < goal:
         last = goal
         while last > first:
             normal = aim(sphere, table, last, hull)
+            if is_interval_free(sphere, table, hull, distance, normal, (first, last, 1.0)):
+                break
+            normal = aim(sphere, table, last, headed)
             if is_interval_free(sphere, table, hull, distance, normal, (first, last, 1.0)):
                 break
             last = first + (last - first) // 2

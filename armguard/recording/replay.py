@@ -224,11 +224,7 @@ class Replay:
                     event.id, points, event.radius, 0.0, event.speed, event.accel
                 )
         elif isinstance(event, BodiesChanged):
-            links = [
-                msgspec.json.decode(link.data) if link.data else {"name": link.name}
-                for link in event.links
-            ]
-            self.robot.replace_bodies({"revision": event.revision, "links": links})
+            self.robot.replace_bodies(read_bodies(event))
         elif isinstance(event, Gap):
             self._lost += event.events
         elif isinstance(event, PlanVerdictMessage):
@@ -282,6 +278,14 @@ def replay(path: str | Path, changes: Mapping[str, str] | None = None) -> Replay
     for _ in run.ticks():
         pass
     return run.report()
+
+
+def read_bodies(event: BodiesChanged) -> dict[str, Any]:
+    """What `RestoredRobot.replace_bodies` takes."""
+    links = [
+        msgspec.json.decode(link.data) if link.data else {"name": link.name} for link in event.links
+    ]
+    return {"revision": event.revision, "links": links}
 
 
 def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:

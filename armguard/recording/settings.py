@@ -81,13 +81,18 @@ def make_obstacles(data: Mapping[str, Any]) -> Obstacles:
 
 def make_monitor(data: Mapping[str, Any], robot: Robot, obstacles: Obstacles) -> Monitor:
     """A monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
+    return Monitor(robot, obstacles, make_settings(data))
+
+
+def make_settings(data: Mapping[str, Any]) -> Settings:
+    """Settings of a monitor from the data of `describe_settings`; errors as of `make_obstacles`."""
     values = {
         name: _read(declared, data[name])
         for name, declared in read_declarations(Settings).items()
         # Recordings of before there were contact limits have none.
         if name in data or name != LIMITS
     }
-    return Monitor(robot, obstacles, read_settings(None, {**data, **values}))
+    return read_settings(None, {**data, **values})
 
 
 def change_settings(data: dict[str, Any], changes: Mapping[str, str], robot: Robot) -> None:

@@ -422,6 +422,10 @@ class Scheduler:
             state.prepare_arm(tick.q, tick.v)
             numbers[MOVED] = numbers[PREPARED] = tick.number
 
+    def revision(self, pair: int) -> int:
+        """How often what is known of a pair's obstacle has changed; of no pair, any number."""
+        return self._obstacles.table.revision.item(pair // self._links)
+
     def watched_pairs(self) -> NDArray[np.bool_]:
         """Which pairs are watched, by row × links + link; none beyond its end. Shape (n,)."""
         return self.certificates.watched.reshape(-1)

@@ -1,3 +1,4 @@
+import copy
 import itertools
 import json
 
@@ -44,7 +45,8 @@ def test_all_proofs_of_a_recording_are_verified(recording, capsys):
     assert main(["check", str(recording)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"{len(proofs)} proofs, {len(proofs)} verified"
-    assert [line.split()[0] for line in lines[1:4]] == [str(len(proofs)), str(len(proofs)), "0"]
+    count = str(len(proofs))
+    assert [line.split()[0] for line in lines[1:5]] == [count, count, count, "0"]
     assert lines[-1] == f"trusted: arm {proofs[0].arm.digest}, {len(proofs)} proofs"
 
 
@@ -77,6 +79,26 @@ def test_the_first_that_does_not_hold_is_named(recording, monkeypatch, capsys):
     assert main(["check", "--json", str(recording)]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found["first_refused"]["proof"] == 2
+
+
+def test_a_proof_of_something_else_is_no_verification(recording, monkeypatch, capsys):
+    events = list(Recording(recording).events())
+    place = next(k for k, one in enumerate(events) if isinstance(one.event, Proof))
+    event = copy.deepcopy(events[place].event)
+    event.obstacle = "another"
+    events[place] = events[place]._replace(event=event, data=event.to_json())
+    monkeypatch.setattr(command.Recording, "events", lambda self: iter(events))
+    assert main(["check", str(recording)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    count = sum(isinstance(one.event, Proof) for one in events)
+    assert lines[0] == f"{count} proofs, {count} verified"
+    assert lines[1].startswith(f"{count - 1} agree")
+    assert lines[-1].startswith(f"first that does not agree: tick {event.sequence} at")
+    assert lines[-1].endswith("obstacle is another, that of the verdict is ball")
+    assert main(["check", "--json", str(recording)]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["verified"], found["agreeing"]) == (count, count - 1)
+    assert found["first_disagreeing"]["obstacle"] == "another"
 
 
 def test_a_recording_without_proofs_shows_nothing(recording, monkeypatch):

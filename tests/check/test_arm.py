@@ -1,12 +1,14 @@
 import itertools
+import math
 
 import numpy as np
 import pinocchio
 import pytest
 from mpmath import mpf
 
-from armguard_check.arm import Ball, Range, find_mean, read_joints
+from armguard_check.arm import Ball, find_mean, read_joints
 from armguard_check.intervals import BITS, ProofError, length, read, read_list, read_vector
+from armguard_check.tube import Range
 from support.false_proofs import dot, find_center
 from support.proof_scenes import ARMS, make_proof, make_scene
 
@@ -25,15 +27,8 @@ def proof(request):
 def read_ball(proof, place=0):
     arm, cover, count = proof["arm"], proof["cover"], len(proof["q"])
     ball = cover["balls"][place]
-    joints = read_joints(arm["joints"], read_list(proof["q"], count))
-    return ball, Ball(
-        joints,
-        cover["carrier"],
-        read_vector(ball["center"]),
-        read(ball["radius"]),
-        read_list(ball["lever"], count),
-        read_list(arm["position_error"], count),
-    )
+    joints = read_joints(arm, read_list(proof["q"], count))
+    return ball, Ball(joints, cover["carrier"], ball)
 
 
 def test_balls_are_where_pinocchio_places_them(proof):
@@ -108,20 +103,29 @@ def test_mean_of_a_slope_that_is_cut_off():
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "why"),
     [
-        {"axis": [0.0, 0.0, 1.1]},
-        {"placement": [2.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]},
-        {"placement": [-1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]},
-        {"parent": 0},
-        {"parent": "base"},
-        {"slides": 1},
+        ({"axis": [0.0, 0.0, 1.0 + 1e-9]}, "axis of joint 0"),
+        ({"axis": [0.0, 0.0, math.nan]}, r"axis\[2\] is nan"),
+        ({"placement": [2.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]}, "no rotation"),
+        ({"placement": [-1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]}, "no rotation"),
+        ({"placement": [1.0, 0, 0.5, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]}, "no rotation"),
+        ({"placement": [1.0, 0, 1e-5, 0, 1.0, 0, 0, 0, 1.0, 0, 0, 0]}, "no rotation"),
+        ({"placement": [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0 + 1e-9, 0, 0, 0]}, "no rotation"),
+        ({"placement": [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0, 0, 0, math.inf]}, "inf"),
+        ({"placement": [1.0]}, "12 numbers"),
+        ({"parent": 0}, "carried"),
+        ({"parent": "base"}, "carried"),
+        ({"parent": -2}, "carried"),
+        ({"parent": math.nan}, "carried"),
+        ({"slides": 1}, "neither slides"),
     ],
 )
-def test_joints_that_are_none_are_refused(change):
+def test_joints_that_are_none_are_refused(change, why):
     unit = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     joint = {"parent": -1, "slides": False, "axis": [0.0, 0.0, 1.0], "placement": unit}
-    placed = read_joints([joint], [read(0.5)])
+    arm = {"joints": [joint], "position_error": [0.0]}
+    placed = read_joints(arm, [read(0.5)])
     assert abs(length(placed[0].axis).low / SCALE - 1.0) < 1e-15
-    with pytest.raises(ProofError):
-        read_joints([joint | change], [read(0.5)])
+    with pytest.raises(ProofError, match=why):
+        read_joints(arm | {"joints": [joint | change]}, [read(0.5)])

@@ -1,3 +1,4 @@
+import math
 from random import Random
 
 import mpmath
@@ -83,9 +84,42 @@ def test_beyond_the_range_of_its_brakes_nothing_is_known():
         up.highest(read(0.2), read(0.1))
 
 
-@pytest.mark.parametrize("key", ["position_error", "velocity_error", "acceleration"])
-def test_limits_below_zero_are_refused(key):
+NONSENSE = [
+    ("position_error", -1e-9, "position_error of joint 0 is -1e-09"),
+    ("velocity_error", -1.0, "velocity_error of joint 0 is -1.0"),
+    ("acceleration", -1.0, "acceleration of joint 0 is -1.0"),
+    ("acceleration", 0.0, "acceleration of joint 0 is 0"),
+    ("operating_acceleration", 0.0, "acceleration of joint 0 is 0"),
+    ("operating_velocity", -0.5, "operating_velocity of joint 0 is -0.5"),
+    ("operating_velocity", math.nan, "operating_velocity of joint 0 is nan"),
+    ("operating_velocity", "Infinity", "operating_velocity of joint 0 is 'Infinity'"),
+    ("lower", 2.0, "lower of joint 0 is above its upper"),
+    ("upper", math.nan, "upper is nan"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "why"), NONSENSE)
+def test_limits_that_are_none_are_refused(key, value, why):
     proof = make_arm(3)
-    proof["arm"][key] = [-1.0]
-    with pytest.raises(ProofError, match="unusable"):
+    proof["arm"] |= {"lower": [-1.0], "upper": [1.0]}
+    read_sides(proof["arm"], 0, read(0.0), read(0.0))
+    proof["arm"][key] = [value]
+    with pytest.raises(ProofError, match=why):
+        read_sides(proof["arm"], 0, read(0.0), read(0.0))
+
+
+def test_brakes_beyond_the_acceleration_are_refused():
+    for value in (1e6, "Infinity"):
+        proof = make_arm(3)
+        proof["arm"]["brakes"][0]["deceleration"] = [value, value]
+        with pytest.raises(ProofError, match="brakes of joint 0 are stronger"):
+            read_sides(proof["arm"], 0, read(0.0), read(0.0))
+
+
+@pytest.mark.parametrize("key", ["speed", "deceleration", "time", "distance"])
+@pytest.mark.parametrize("value", [-1e-9, math.nan, "-Infinity"])
+def test_brakes_that_are_none_are_refused(key, value):
+    proof = make_arm(3)
+    proof["arm"]["brakes"][0][key][1] = value
+    with pytest.raises(ProofError, match=f"{key} of joint 0 is"):
         read_sides(proof["arm"], 0, read(0.0), read(0.0))

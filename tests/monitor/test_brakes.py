@@ -51,6 +51,24 @@ def glide(monitor, start, count, speed, q=HOME):
     return verdicts
 
 
+def test_a_joint_that_its_stop_may_throw_back_too_fast_is_named():
+    operating = OperatingLimits(np.full(7, 2.0), np.full(7, 3.0))
+    obstacles, monitor = make_ranged(
+        rise_delay=0.0, operating=operating, latency=0.1, reaction_time=0.1
+    )
+    details = []
+    for tick, lift in enumerate((0.5, 1e-4)):
+        q = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+        q[1] = ranged_panda().lower_position_limit[1] + lift
+        monitor.reset()
+        see(obstacles, tick * PERIOD, [1.3, 0.0, 0.6])
+        verdict = monitor.step(tick * PERIOD, q, STILL)
+        details.append((verdict.level, str(verdict.reasons)))
+    assert "throw" not in details[0][1]
+    assert details[1][0] is Level.STOP
+    assert "the stop of panda_joint2 may throw it back beyond its brakes' range" in details[1][1]
+
+
 @pytest.mark.hazard("H-06")
 def test_a_joint_that_may_be_too_fast_for_its_brakes_is_a_stop_that_names_it():
     _, monitor = make_ranged(rise_delay=0.0)

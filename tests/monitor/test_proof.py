@@ -7,9 +7,11 @@ from armguard.monitor import Monitor
 from armguard.monitor.proof import Prover
 from armguard.obstacles import Obstacles
 from armguard.robot import Robot
+from armguard.verdict import BRAKE, FINISH, Level
 from armguard_check import verify
-from support.panda_monitor import HOME, PERIOD, STILL, panda
+from support.panda_monitor import HOME, PERIOD, STILL, panda, ranged_panda
 from support.permitted_contact import Encounter
+from support.proof_scenes import make_scene
 from support.urdf_arms import limits_for, two_links
 
 
@@ -67,6 +69,26 @@ def test_proofs_change_nothing_that_follows():
     assert verdicts[0] == verdicts[1]
 
 
+def test_a_body_that_passes_by_is_kept_apart():
+    # It could turn round well before the arm rests, but not reach it.
+    monitor, obstacles, _ = make_scene("tiago", touches=False)
+    monitor.reset()
+    obstacles.update(
+        ["it"],
+        1.0,
+        [[[-1.09, 1.551, -0.291], [-1.245, 1.47, -0.293]]],
+        [[[0.104, 0.829, 1.162]] * 2],
+        source="camera",
+        radius=0.2,
+        accel=2.0,
+        speed=1.6,
+    )
+    q = np.array([0.349, 2.4, -0.11, -2.245, 1.345, -1.85, -0.199, -0.22])
+    verdict = monitor.step(1.02, q, np.zeros(8))
+    assert verdict.level.name in ("AWARE", "CLEAR")
+    assert check(monitor.prove(verdict)).in_time
+
+
 def test_a_slow_surface_is_proved_to_be_slow():
     encounter = Encounter(0.03)
     encounter.v = np.full(7, 0.02)
@@ -97,6 +119,43 @@ def test_nothing_is_proved_where_nothing_is_said():
     assert monitor.prove(verdict) is None
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda monitor, obstacles: see(obstacles, 2, 1.51),
+        lambda monitor, obstacles: see(obstacles, 2, 0.9),  # refused, and may be true
+        lambda monitor, obstacles: obstacles.update(  # for which the table grows
+            ["hand", *map(str, range(300))],
+            2 * PERIOD,
+            [[1.51, 0.0, 0.5]] * 301,
+            source="camera",
+            radius=0.1,
+        ),
+        lambda monitor, obstacles: setattr(monitor, "payload", 0.0),
+    ],
+)
+def test_what_was_learnt_since_is_not_proved_of_the_verdict(change):
+    obstacles = Obstacles(sources=["camera"], accel=10.0, speed=1.6)
+    monitor = Monitor(ranged_panda(), obstacles, rise_delay=0.0)
+    see(obstacles, 1, 1.5)
+    verdict = monitor.step(PERIOD, HOME, STILL)
+    assert check(monitor.prove(verdict)).contact_time > 0.0
+    obstacles.update(["else"], 2 * PERIOD, [[3.0, 0.0, 0.5]], source="camera", radius=0.1)
+    assert monitor.prove(verdict) is not None
+    change(monitor, obstacles)
+    assert monitor.prove(verdict) is None
+    assert monitor.prove(monitor.step(2 * PERIOD, HOME, STILL)) is not None
+
+
+def test_an_arm_that_is_to_finish_its_piece_is_not_proved_to_brake():
+    monitor, obstacles = make()
+    see(obstacles, 0, 1.5)
+    verdict = monitor.step(0.0, HOME, STILL)._replace(level=Level.STOP, stop=BRAKE)
+    assert [one.told for one in monitor.prove(verdict).motions] == ["never", "this"]
+    verdict = verdict._replace(stop=FINISH)
+    assert [one.told for one in monitor.prove(verdict).motions] == ["never"]
+
+
 def test_each_state_that_may_be_true_is_proved():
     monitor, obstacles = make()
     see(obstacles, 0, 1.5)
@@ -112,8 +171,6 @@ def test_each_state_that_may_be_true_is_proved():
 
 
 def test_it_follows_the_payload():
-    from support.panda_monitor import ranged_panda
-
     obstacles = Obstacles(sources=["camera"], accel=10.0, speed=1.6)
     monitor = Monitor(ranged_panda(), obstacles, rise_delay=0.0)
     digests = []

@@ -335,6 +335,15 @@ def tamper(proof, kind, random):
         ]
         proof["max_speed"] = float(speed * (1 - mpf(share) / 2))
         return proof, speed > mpf(proof["max_speed"])
+    if kind == "swapped":
+        motion, count = proof["motions"][random.integers(len(proof["motions"]))], len(proof["q"])
+        a, b = random.choice(count, 2, replace=False)
+        for key in ("high", "low"):
+            rows = [motion[key][k : k + count] for k in range(0, len(motion[key]), count)]
+            for row in rows:
+                row[a], row[b] = row[b], row[a]
+            motion[key] = [x for row in rows for x in row]
+        return proof, leaves_somewhere(proof, motion)
     if not steps:
         return None
     motion, separation, step = steps[random.integers(len(steps))]
@@ -370,5 +379,5 @@ def tamper(proof, kind, random):
 
 KINDS = (
     "tube", "later", "latency", "rest", "speed", "direction", "nearer", "older", "faster", "margin",
-    "ball", "reach",
+    "ball", "reach", "swapped",
 )  # fmt: skip

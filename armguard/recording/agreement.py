@@ -1,0 +1,166 @@
+"""Whether the proofs of a recording agree with the verdicts, settings and arm beside them.
+
+A proof that holds may still be about something else: another tick, another pair, an arm with other
+limits. That is found here, with armguard's own code; whether a proof holds is for `armguard_check`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armguard.bounds.limits import read_limits
+from armguard.bounds.reach import ReachMotion
+from armguard.bounds.sums import compute_sphere_levers
+from armguard.exceptions import ArmguardError
+from armguard.messages.answers import VerdictMessage
+from armguard.messages.events import Payload
+from armguard.messages.proof import Proof, TrustedCover
+from armguard.monitor.trusted import TrustedParts
+from armguard.recording.events import BodiesChanged, Event, Gap, JointState
+from armguard.recording.reading import Recording
+from armguard.recording.replay import read_bodies
+from armguard.recording.settings import make_settings
+from armguard.robot.kinematics import Kinematics
+from armguard.robot.portable import RestoredRobot
+from armguard.verdict import BRAKE, Level
+
+SETTINGS = "period", "latency", "reaction_time", "margin"
+"""What proofs repeat of the settings."""
+
+ROUNDING = 1e-9
+"""What levers and reaches that are computed on another machine may be off by, as a share."""
+
+STOP_ROUNDING = 1e-6
+"""What the end of a tube may be beyond the stop time, as a share."""
+
+
+class Agreement:
+    """Is told all events of a recording in order, and compares its proofs.
+
+    Args:
+        recording: The recording.
+
+    Attributes:
+        agreeing: How many proofs agree so far.
+
+    Raises:
+        ArmguardError: Its settings or its arm cannot be read.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.agreeing = 0
+        self._configuration = recording.provenance.get("configuration")
+        try:
+            self._settings = make_settings(recording.settings["monitor"])
+            self._robot = RestoredRobot(recording.robot)
+            self._limits = [self._settings.put_in_force(self._robot) for _ in range(2)]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ArmguardError(
+                str(recording.path),
+                f"has settings that cannot be read ({type(error).__name__}: {error})",
+            ) from None
+        # Operating limits that were broken give way to the hardware's.
+        self._limits[1].suspend()
+        limits = self._settings.contact_limits
+        self._speeds = {0.0} if limits is None else {0.0, *limits.tabulate()[0].tolist()}
+        self._parts: list[TrustedParts] = []
+        self._state: JointState | None = None
+        self._verdict: VerdictMessage | None = None
+
+    def take(self, event: Event) -> str:
+        """Take in an event.
+
+        Returns:
+            What a proof contradicts; empty: nothing, or the event is no proof.
+
+        Raises:
+            ArmguardError: It is about a payload or bodies that the arm cannot have.
+        """
+        if isinstance(event, JointState):
+            self._state, self._verdict = event, None
+        elif isinstance(event, VerdictMessage):
+            self._verdict = event
+        elif isinstance(event, Gap):
+            self._state = self._verdict = None
+        elif isinstance(event, Payload):
+            for limits in self._limits:
+                limits.load(event.payload)
+        elif isinstance(event, BodiesChanged):
+            self._robot.replace_bodies(read_bodies(event))
+            self._parts = []
+        elif isinstance(event, Proof):
+            problem = next(self._compare(event), "")
+            self.agreeing += not problem
+            return problem
+        return ""
+
+    def _compare(self, proof: Proof) -> Iterator[str]:
+        state, verdict = self._state, self._verdict
+        if state is None or verdict is None or verdict.sequence != proof.sequence:
+            yield "the verdict of its tick does not stand before it"
+            return
+        if verdict.configuration not in (None, self._configuration):
+            yield f"its verdict is of configuration {verdict.configuration}, not of the recording's"
+        of_verdict = {key: getattr(verdict, key) for key in ("stamp", "level", "link", "obstacle")}
+        of_state = {key: np.frombuffer(getattr(state, key)).tolist() for key in ("q", "v")}
+        of_settings = {key: getattr(self._settings, key) for key in SETTINGS}
+        for beside, values in (
+            ("verdict", of_verdict),
+            ("joint state", of_state | {"now": state.now}),
+            ("settings", of_settings),
+        ):
+            for key, value in values.items():
+                if getattr(proof, key) != value:
+                    yield f"{key} is {getattr(proof, key)}, that of the {beside} is {value}"
+        if proof.max_speed not in self._speeds:
+            yield f"max_speed is {proof.max_speed}, which no contact limit comes to"
+        brakes = "this" if verdict.level == Level.STOP.name else "next"
+        for motion in proof.motions:
+            if motion.told == "never":
+                continue
+            if motion.told != brakes or verdict.stop not in (None, BRAKE):
+                yield f"it is about an arm that brakes by {motion.told} verdict; its verdict is not"
+            stop_time = verdict.stop_time
+            if stop_time is not None and motion.times[-1] > stop_time * (1.0 + STOP_ROUNDING):
+                yield f"the arm rests in {motion.times[-1]} s, by the verdict in {stop_time} s"
+        yield from self._compare_trusted(proof)
+
+    def _compare_trusted(self, proof: Proof) -> Iterator[str]:
+        if not self._parts:
+            robot, place = self._robot, self._settings.base_placement
+            kinematics, reach = Kinematics(robot, place), ReachMotion(robot, place)
+            levers = compute_sphere_levers(robot)
+            self._parts = [
+                TrustedParts(kinematics, read_limits(robot, limits), levers, reach.link_balls)
+                for limits in self._limits
+            ]
+        if proof.arm not in [parts.describe_arm() for parts in self._parts]:
+            yield "its arm has other joints, limits, errors or brakes than the recorded one"
+        links = self._robot.links
+        cover = proof.cover
+        nodes = [ball.node for ball in cover.balls]
+        if cover.link not in links or not all(0 <= node < len(cover.parents) for node in nodes):
+            yield "its cover is of no link of the recorded arm"
+            return
+        own = self._parts[0].describe_cover(cover.link, links.index(cover.link), nodes)
+        if not _holds(cover, own):
+            yield "its cover has other spheres, levers or reach than the recorded arm"
+
+
+def _holds(cover: TrustedCover, own: TrustedCover) -> bool:
+    """Whether a cover is the arm's own, or one with larger levers and reach."""
+    shares = 1.0 + ROUNDING
+    same = (cover.link, cover.carrier, cover.parents) == (own.link, own.carrier, own.parents)
+    return (
+        same
+        and np.allclose(cover.reach, own.reach, rtol=ROUNDING, atol=ROUNDING)
+        and len(cover.balls) == len(own.balls)
+        and all(
+            (ball.node, ball.center, ball.radius) == (known.node, known.center, known.radius)
+            and len(ball.lever) == len(known.lever)
+            and all(a * shares >= b for a, b in zip(ball.lever, known.lever, strict=True))
+            for ball, known in zip(cover.balls, own.balls, strict=True)
+        )
+    )

@@ -1,0 +1,194 @@
+import copy
+import json
+
+import coal
+import numpy as np
+import pinocchio
+import pytest
+
+import armguard
+from armguard.exceptions import ArmguardError
+from armguard.messages.answers import VerdictMessage
+from armguard.messages.events import Payload
+from armguard.messages.proof import Proof, seal
+from armguard.recording.agreement import Agreement
+from armguard.recording.events import BodiesChanged, Gap
+from armguard.recording.reading import Recording
+from armguard.robot import Robot
+from armguard.verdict import Level
+from armguard_check import verify
+from support.panda_monitor import HOME, PERIOD, STILL, ranged_panda
+from support.permitted_contact import LIMITS
+
+PLACE = pinocchio.SE3(np.eye(3), np.array([0.1, -0.2, 0.05]))
+
+
+def record(path, robot, changes, **settings):
+    """A ball that comes near, and what changes in some ticks."""
+    obstacles = armguard.Obstacles(sources=["camera"], accel=10.0, speed=1.6)
+    settings = {"rise_delay": 0.0, "base_placement": PLACE} | settings
+    monitor = armguard.Monitor(robot, obstacles, **settings)
+    with armguard.Recorder(path, monitor, proof_interval=0.01):
+        for tick in range(100):
+            if tick in changes:
+                changes[tick](monitor)
+            place = [[1.0 - 0.002 * tick, 0.0, 0.5]]
+            obstacles.update(["ball"], tick * PERIOD, place, source="camera", radius=0.1)
+            monitor.step(tick * PERIOD, HOME, STILL)
+    return Recording(path)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("proved") / "run.mcap", ranged_panda(), {})
+
+
+def compare(recording, events=None):
+    """What each proof contradicts."""
+    agreement = Agreement(recording)
+    said = []
+    for event in [one.event for one in recording.events()] if events is None else events:
+        problem = agreement.take(event)
+        if isinstance(event, Proof):
+            said.append(problem)
+    assert agreement.agreeing == said.count("")
+    return said
+
+
+def test_proofs_of_a_recording_agree(recording):
+    said = compare(recording)
+    assert len(said) > 4
+    assert set(said) == {""}
+
+
+def test_it_follows_payload_bodies_and_broken_limits(tmp_path):
+    robot = Robot.load("panda")
+    operating = armguard.OperatingLimits.fraction(robot, velocity=0.001)
+    faster = np.array([0.045, *STILL[1:]])
+    changes = {
+        20: lambda monitor: setattr(monitor, "payload", 0.0),
+        40: lambda monitor: robot.attach("gripper", "panda_hand", coal.Sphere(0.2)),
+        60: lambda monitor: monitor.step(59.5 * PERIOD, HOME, faster),
+    }
+    recording = record(tmp_path / "run.mcap", robot, changes, operating=operating, rise_delay=0.02)
+    events = [one.event for one in recording.events()]
+    assert {""} == set(compare(recording))
+    digests = {event.arm.digest for event in events if isinstance(event, Proof)}
+    assert len(digests) == 3  # as it begins, without payload, and with the hardware's limits
+    for kind in (Payload, BodiesChanged):
+        left = [event for event in events if not isinstance(event, kind)]
+        assert any("recorded" in one for one in compare(recording, left))
+
+
+def change(path, value):
+    *steps, last = path
+
+    def do(proof, verdict):
+        part = proof
+        for step in steps:
+            part = part[step] if isinstance(step, int) else getattr(part, step)
+        if isinstance(last, int):
+            part[last] = value(part[last])
+        else:
+            setattr(part, last, value(getattr(part, last)))
+
+    return do
+
+
+def level(proof, verdict):
+    verdict.level = Level.CLEAR.name
+
+
+CONTRADICTIONS = {
+    "sequence": (change(["sequence"], lambda x: x + 1), "does not stand before it"),
+    "now": (change(["now"], lambda x: x + 1e-6), "now is"),
+    "stamp": (change(["stamp"], lambda x: x - 1e-6), "stamp is"),
+    "level": (level, "level is"),
+    "link": (change(["link"], lambda x: "panda_link0"), "link is"),
+    "obstacle": (change(["obstacle"], lambda x: "hand"), "that of the verdict is ball"),
+    "positions": (change(["q", 0], lambda x: x + 1e-9), "q is"),
+    "velocities": (change(["v", 0], lambda x: x + 1e-9), "v is"),
+    "period": (change(["period"], lambda x: 0.5 * x), "that of the settings"),
+    "latency": (change(["latency"], lambda x: 0.0), "latency is"),
+    "reaction time": (change(["reaction_time"], lambda x: 0.0), "reaction_time is"),
+    "margin": (change(["margin"], lambda x: x - 1e-3), "margin is"),
+    "max_speed": (change(["max_speed"], lambda x: 0.25), "no contact limit"),
+    "told": (change(["motions", -1, "told"], lambda x: "this"), "brakes by this verdict"),
+    "end": (change(["motions", -1, "times", -1], lambda x: 2.0 * x), "by the verdict in"),
+    "limits": (change(["arm", "acceleration", 0], lambda x: 0.99 * x), "other joints, limits"),
+    "brakes": (change(["arm", "brakes", 0, "deceleration", 0], lambda x: 1.1 * x), "or brakes"),
+    "joint": (change(["arm", "joints", 1, "name"], lambda x: "x"), "other joints"),
+    "radius": (change(["cover", "balls", 0, "radius"], lambda x: 0.5 * x), "other spheres"),
+    "lever": (change(["cover", "balls", 0, "lever", 0], lambda x: 0.9 * x - 1e-6), "other spheres"),
+    "reach": (change(["cover", "reach", 3], lambda x: 0.9 * x), "other spheres"),
+    "tree": (change(["cover", "parents"], lambda x: x[:-1]), "other spheres"),
+    "node": (change(["cover", "balls", 0, "node"], lambda x: 999), "of no link"),
+    "cover": (change(["cover", "link"], lambda x: "panda_link99"), "of no link"),
+    "configuration": (
+        lambda proof, verdict: setattr(verdict, "configuration", "0" * 16),
+        "of configuration 0000",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CONTRADICTIONS)
+def test_a_proof_that_contradicts_what_stands_beside_it_is_told_of(recording, kind):
+    events = copy.deepcopy([one.event for one in recording.events()])
+    place = next(
+        k
+        for k, event in enumerate(events)
+        if isinstance(event, Proof) and event.level != "STOP" and event.cover.balls
+    )
+    verdict = next(event for event in events[place::-1] if isinstance(event, VerdictMessage))
+    spoil, why = CONTRADICTIONS[kind]
+    spoil(events[place], verdict)
+    said = compare(recording, events)
+    assert [one for one in said if why in one] == [one for one in said if one], said
+    assert len(said) == said.count("") + 1
+
+
+def test_a_stop_that_is_to_finish_a_piece_is_no_braking(recording):
+    events = copy.deepcopy([one.event for one in recording.events()])
+    stops = [event for event in events if isinstance(event, VerdictMessage)]
+    for event in stops:
+        event.stop = "finish" if event.level == "STOP" else None
+    said = compare(recording, events)
+    assert any("is about an arm that brakes by this verdict" in one for one in said)
+
+
+def test_a_proof_without_its_verdict_is_told_of(recording):
+    events = [one.event for one in recording.events()]
+    place = next(k for k, event in enumerate(events) if isinstance(event, Proof))
+    spoiled = [*events[:place], Gap(events=1, seconds=0.0), *events[place:]]
+    assert compare(recording, spoiled)[0] == "the verdict of its tick does not stand before it"
+    without = [event for event in events if not isinstance(event, VerdictMessage)]
+    assert "" not in compare(recording, without)
+
+
+def test_speeds_of_contact_are_those_of_the_limits(tmp_path):
+    recording = record(tmp_path / "run.mcap", ranged_panda(), {}, contact_limits=LIMITS)
+    assert set(compare(recording)) == {""}
+    events = copy.deepcopy([one.event for one in recording.events()])
+    first = next(event for event in events if isinstance(event, Proof))
+    (speed,) = {limit.max_speed for limit in LIMITS.by_region.values()}
+    for stated, said in ((speed, ""), (2.0 * speed, f"max_speed is {2.0 * speed}")):
+        first.max_speed = stated
+        assert compare(recording, events)[0].startswith(said)
+
+
+def test_a_contradiction_can_hold_by_itself(recording):
+    proof = copy.deepcopy(
+        next(one.event for one in recording.events() if isinstance(one.event, Proof))
+    )
+    proof.latency *= 0.9
+    proof.obstacle = "another"
+    proof.arm.acceleration[0] *= 0.999
+    seal(proof.arm)
+    assert verify(json.loads(proof.to_json()))
+
+
+def test_settings_that_cannot_be_read_are_told_of(recording):
+    spoiled = copy.copy(recording)
+    spoiled.settings = {}
+    with pytest.raises(ArmguardError, match="settings that cannot be read"):
+        Agreement(spoiled)
