@@ -197,6 +197,10 @@ class Drive:
     or one in a ROS 2 graph. Without a valid verdict the driver stops the arm.
 
     Example: armguard drive demos/ur5e.toml
+
+    Example: armguard drive demos/panda_franka.toml
+
+    Example: armguard drive demos/ros2.toml
     """
 
     cell: Positional[Path]
