@@ -101,6 +101,11 @@ def verify(path: str | Path, key: str | None = None) -> list[Verification]:
         results.append(
             Verification(further, before.part + 1, 0, (problem,), False, 0, (), "", before.head, "")
         )
+    last = results[-1]
+    further = find_part(last.path, last.part, last.part + 1)
+    if not last.is_ended and further.is_file() and further.stat().st_size:
+        problem = f"{further.name} is there, and was not verified"
+        results[-1] = last._replace(problems=(*last.problems, problem))
     return results
 
 

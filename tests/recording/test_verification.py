@@ -297,6 +297,13 @@ def test_a_power_cut_after_a_rotation_leaves_all_that_was_written_before_it(tmp_
         assert "run.2.mcap" in told or "the end is missing" in told
     last.write_bytes(b"something else")
     assert "is no MCAP file" in verify(first)[1].problems[0]
+    # A file behind one without an end is told: no power cut leaves that.
+    first.with_name("run.3.mcap").write_bytes(whole)
+    for content in (b"", whole[: ends[0]], whole[: ends[1]]):
+        last.write_bytes(content)
+        assert "run.3.mcap is there, and was not verified" in verify(first)[-1].problems
+    last.write_bytes(whole)
+    assert all(one.is_intact for one in verify(first))
 
 
 @pytest.mark.hazard("H-11")
