@@ -52,8 +52,9 @@ def make_tables(paths: Sequence[Path]) -> str:
         f"{len(recordings)} recordings ({names}), {seconds:.0f} s. Noise in accelerations:"
         f" {np.nanmedian(noise):.2f} m/s² median, {np.nanmax(noise):.2f} m/s² at most.",
         "",
-        "|part|bounds [m/s², m/s]|clean [%]|60 ms: p99.9, max [m/s²]|40 ms: p99.9, max [m/s²]|"
-        "p99.9, max [m/s]|beyond bounds, 60 ms [%]|40 ms [%]|beyond 10 m/s² [%]|beyond 2 m/s [%]|",
+        "| part | bounds [m/s², m/s] | clean [%] | 60 ms: p99.9, max [m/s²]"
+        " | 40 ms: p99.9, max [m/s²] | p99.9, max [m/s] | beyond bounds, 60 ms [%] | 40 ms [%]"
+        " | beyond 10 m/s² [%] | beyond 2 m/s [%] |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for part, report in reports[HALF_WINDOW].items():
@@ -68,7 +69,7 @@ def make_tables(paths: Sequence[Path]) -> str:
             f"{report.speed[1]:.2f}, {report.speed[2]:.2f}",
             *(f"{100.0 * share:.2f}" for share in shares),
         ]
-        lines.append(f"|{'|'.join(cells)}|")
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -132,18 +132,18 @@ def write_page(rows: dict[str, dict[str, Any]]) -> str:
     parts = [
         HEAD,
         f"## {len(loaded)} are read, {covered} of them fitted, proved and loaded\n",
-        "|URDF|joints|locked|links|as drawn|spheres|described [s]|fitted [s]|",
+        "| URDF | joints | locked | links | as drawn | spheres | described [s] | fitted [s] |",
         "|---|---|---|---|---|---|---|---|",
         *(
-            f"|`{path}`|{row['joints']}|{row['locked']}|{row['links']}|{row['drawn']}|"
-            f"{row.get('spheres', '–')}|{row['described']:.1f}|{row.get('fitted', '–')}|"
+            f"| `{path}` | {row['joints']} | {row['locked']} | {row['links']} | {row['drawn']} |"
+            f" {row.get('spheres', '–')} | {row['described']:.1f} | {row.get('fitted', '–')} |"
             for path, row in sorted(loaded.items())
         ),
         f"\n## {len(refused)} are refused\n",
-        "|URDF|why|",
+        "| URDF | why |",
         "|---|---|",
         *(
-            f"|`{path}`|{row['refused'].replace('|', '/')}|"
+            f"| `{path}` | {row['refused'].replace('|', '/')} |"
             for path, row in sorted(refused.items())
         ),
         "\n## Not tried: no arms\n",
