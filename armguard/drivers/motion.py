@@ -58,7 +58,8 @@ class MotionConduct:
         self._goal: int | None = None
         """The newest one."""
         self._quiet_since = math.inf
-        """When the newest goal came, or what was before this began; inf: nothing has come."""
+        """When the newest goal came; inf: nothing has come."""
+        self._heard_at = math.inf
         self._is_barred = True
         """Whether the newest goal is older than the end of a fault, or the beginning."""
         self._problem = ""
@@ -156,7 +157,9 @@ class MotionConduct:
 
     def _note_goal(self, command: CommandMessage, moment: Moment) -> None:
         """Note a new goal, and whether the arm may move for it."""
-        is_first = math.isinf(self._quiet_since)
+        # Where no command came, it is not known whether goals did.
+        is_first = math.isinf(self._quiet_since) or moment.now - self._heard_at >= QUIET
+        self._heard_at = moment.now
         if not (is_first or command.goal != self._goal):
             return
         was_quiet = moment.now - self._quiet_since >= QUIET

@@ -25,7 +25,7 @@ from support.driven_franka import (
     DrivenFranka,
     FrankaPeer,
 )
-from support.shield_commands import DURATION, command, move
+from support.shield_commands import DURATION, Pauses, command, move
 from support.waiting import wait_until
 
 needs_library = pytest.mark.skipif(
@@ -226,6 +226,7 @@ class Shield:
     def __init__(self, peer):
         self.peer, self.reached = peer, np.array(peer.q)
         self.home, self.goal, self.begun, self.stop = self.reached, 1, -math.inf, None
+        self._pauses = Pauses()
 
     def __call__(self, now, sequence):
         begun = max(self.begun, now - 2.0 * DURATION)
@@ -246,6 +247,7 @@ class Shield:
 
     def send_goal(self, home):
         """Begin there in a while."""
+        self._pauses.wait()
         self.home, self.stop = home, None
         self.goal += 1
         self.begun = time.monotonic() + 0.3

@@ -47,7 +47,8 @@ class Made:
 
     def wait(self):
         """No goal comes for a while."""
-        self.act(after=QUIET)
+        for _ in range(2):
+            self.act(msgspec.structs.replace(self.newest), after=0.5 * QUIET)
 
     def read(self):
         os.set_blocking(self._reading, False)
@@ -294,6 +295,19 @@ def test_a_stream_of_goals_moves_nothing_after_a_fault_before_it_pauses(made, fa
     made.act(command(made.now + 0.002, 2000, goal=999))
     made.act(command(made.now + 0.002, 2001, goal=1000, begun=made.now))
     assert len(made.arm.followed) == before + 2, "from then on a stream is followed"
+
+
+def test_a_silence_of_commands_is_no_pause_of_goals(made):
+    made.begin(goal=2)
+    made.act(hindrance="protective stop")
+    made.arm.q = list(HOME)
+    before = len(made.arm.followed)
+    for k in range(3):
+        made.act(command(made.now + 2.0, 3 + k, goal=3 + k), after=2.0)
+    assert len(made.arm.followed) == before
+    made.wait()
+    made.act(command(made.now + 0.002, 9, goal=9))
+    assert len(made.arm.followed) == before + 1
 
 
 def test_a_goal_that_comes_during_a_fault_moves_nothing_after_it(made):

@@ -63,8 +63,8 @@ class Made:
         session = Session(options, Latencies(0.0), Link(writing))
         self.conduct = TrajectoryConduct(self.arm, session)
         self.verdict = None
-        self.act(rest(self.now, 0))
-        self.now += QUIET
+        for _ in range(3):
+            self.act(rest(self.now, 0), after=0.5 * QUIET)
 
     def act(self, newest, after=0.01, hindrance=""):
         self.now += after

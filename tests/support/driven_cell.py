@@ -214,6 +214,11 @@ class DriverProcess:
         wait_until(lambda: self.has(text) or self.process.poll() is not None)
         assert self.has(text), self.lines
 
+    def wait_for_states(self):
+        """Return when the first joint state has come: the driver drives."""
+        wait_until(lambda: self.monitor.states or self.process.poll() is not None)
+        assert self.monitor.states, self.lines
+
     def has(self, text):
         """Whether a line of the driver has this in it."""
         return any(text in line for line in self.lines)
@@ -256,7 +261,7 @@ class DrivenCell(DriverProcess):
 
     def wait_until_moving(self):
         """Return when the driver drives, and the program runs at full speed."""
-        self.wait_for(" states; age ")
+        self.wait_for_states()
         wait_until(lambda: self.controller.pace > 0.99 or self.process.poll() is not None)
         assert self.process.poll() is None, self.lines
 

@@ -1,12 +1,26 @@
 """Commands as a shield sends them: the first joint goes from rest to rest."""
 
+import time
+
 import numpy as np
 
+from armguard.drivers.motion import QUIET
 from armguard.messages.command import CommandMessage, pack
 
 NAMES = tuple("abcdef")
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 DURATION, SPEED = 1.0, 0.4
+
+
+class Pauses:
+    """Waits between goals until a driver takes the next one, also after a fault."""
+
+    def __init__(self):
+        self._sent = time.monotonic()
+
+    def wait(self):
+        time.sleep(max(0.0, self._sent + 1.5 * QUIET - time.monotonic()))
+        self._sent = time.monotonic()
 
 
 def move(t):
