@@ -300,7 +300,7 @@ def test_what_a_kill_leaves_at_random_moments_verifies(start, tmp_path, monkeypa
     monkeypatch.setattr(writer_module, "PAUSE", 0.001)
     secret, _, key = write_signing_pair("recorder", tmp_path)
     rng, parts = random.Random(0), set()
-    for number in range(16):
+    for number in range(12):
         path, memory = tmp_path / f"{number}.mcap", create_memory(1 << 20)
         options = WriterOptions(str(path), str(secret), Rotation(duration=0.03))
         ring, descriptor = Ring(memory), open_file(path)
@@ -323,7 +323,7 @@ def test_what_a_kill_leaves_at_random_moments_verifies(start, tmp_path, monkeypa
             time.sleep(0.001)
             assert time.monotonic() < begun + 60.0
             if end is None and is_whole(path):
-                end = time.monotonic() + rng.uniform(0.0, 0.3)
+                end = time.monotonic() + rng.uniform(0.0, 0.2)
         process.kill()
         process.wait()
         results = check_cut(path, key)

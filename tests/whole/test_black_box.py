@@ -18,7 +18,7 @@ from support.recordings_made import read_verdicts
 @pytest.mark.hazard("H-25")
 def test_a_demo_is_replayed_to_the_bit(tmp_path, capsys):
     path = tmp_path / "demo.mcap"
-    arguments = ["--duration", "4", "--no-view", "--json", "--obstacles", "5", "--record", path]
+    arguments = ["--duration", "2", "--no-view", "--json", "--obstacles", "5", "--record", path]
     with RunningDemo(*map(str, arguments), folder=tmp_path) as demo:
         out, err = finish(demo)
     assert demo.process.returncode == 0, err
