@@ -66,7 +66,7 @@ STANDARDS = {
         "Regulation (EU) 2023/1230",
         "EU law from 20 January 2027, amended in 2026. Annex III, 1.1.9: corruption, identifiable software, evidence of interventions. 1.2.1: logs of interventions and versions for five years; for self-evolving systems, safety decisions for one year",
         "signed recordings with versions, configuration, inputs and verdicts (`--sign`, `--verify`, `--keep-days 1830`); armguard does not learn",
-        "conformity assessment, documentation, protection of computer and keys, other logs",
+        "Whether it is a safety component, conformity assessment, documentation, protection of computer and keys",
     ),
 }
 """By key of docs/references.md: edition, what it is about, what armguard contributes, and not."""
