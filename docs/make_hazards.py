@@ -20,7 +20,11 @@ TESTS = DOCS.parent / "tests"
 FIELDS = ("hazard", "cause", "does", "premise", "remains")
 """What docs/hazards.toml says of each hazard."""
 
-HEAD = """# Hazards
+HEAD = """---
+hide: [toc]
+---
+
+# Hazards
 
 <!-- written by docs/make_hazards.py from docs/hazards.toml and the marks of tests: change it there -->
 
@@ -104,9 +108,9 @@ def write_page() -> str:
     marks = read_marks()
     rows = []
     for number, hazard in read_hazards().items():
-        test = marks[number][0].split()[-1]
+        test = marks[number][0].split()[-1].replace("_", "_<wbr>")
         cells = [hazard[name] for name in FIELDS]
-        rows.append(f"| {number}: {' | '.join([*cells[:4], f'`{test}`', cells[4]])} |")
+        rows.append(f"| {number}: {' | '.join([*cells[:4], f'<code>{test}</code>', cells[4]])} |")
     standards = [
         f"| {edition} [[{key}](references.md)] | {about} | {contributes} | {left} |"
         for key, (edition, about, contributes, left) in STANDARDS.items()
@@ -119,7 +123,7 @@ def write_page() -> str:
     law = [
         "## Standards and the law",
         "",
-        "In words of this project, as of November 2026; the texts themselves count.",
+        "In this project's words, as of November 2026; the texts count.",
         "",
         "| text | about | armguard contributes | it does not |",
         "|---|---|---|---|",
