@@ -20,7 +20,11 @@ TESTS = DOCS.parent / "tests"
 FIELDS = ("hazard", "cause", "does", "premise", "remains")
 """What docs/hazards.toml says of each hazard."""
 
-HEAD = """# Hazards
+HEAD = """---
+hide: [toc]
+---
+
+# Hazards
 
 <!-- written by docs/make_hazards.py from docs/hazards.toml and the marks of tests: change it there -->
 
@@ -66,7 +70,7 @@ STANDARDS = {
         "Regulation (EU) 2023/1230",
         "EU law from 20 January 2027, amended in 2026. Annex III, 1.1.9: corruption, identifiable software, evidence of interventions. 1.2.1: logs of interventions and versions for five years; for self-evolving systems, safety decisions for one year",
         "signed recordings with versions, configuration, inputs and verdicts (`--sign`, `--verify`, `--keep-days 1830`); armguard does not learn",
-        "conformity assessment, documentation, protection of computer and keys, other logs",
+        "Whether it is a safety component, conformity assessment, documentation, protection of computer and keys",
     ),
 }
 """By key of docs/references.md: edition, what it is about, what armguard contributes, and not."""
@@ -104,9 +108,9 @@ def write_page() -> str:
     marks = read_marks()
     rows = []
     for number, hazard in read_hazards().items():
-        test = marks[number][0].split()[-1]
+        test = marks[number][0].split()[-1].replace("_", "_<wbr>")
         cells = [hazard[name] for name in FIELDS]
-        rows.append(f"| {number}: {' | '.join([*cells[:4], f'`{test}`', cells[4]])} |")
+        rows.append(f"| {number}: {' | '.join([*cells[:4], f'<code>{test}</code>', cells[4]])} |")
     standards = [
         f"| {edition} [[{key}](references.md)] | {about} | {contributes} | {left} |"
         for key, (edition, about, contributes, left) in STANDARDS.items()
@@ -119,7 +123,7 @@ def write_page() -> str:
     law = [
         "## Standards and the law",
         "",
-        "In words of this project, as of November 2026; the texts themselves count.",
+        "In this project's words, as of November 2026; the texts count.",
         "",
         "| text | about | armguard contributes | it does not |",
         "|---|---|---|---|",
