@@ -28,9 +28,7 @@ class Premise(enum.Enum):
     )
     DRAWN_LINKS = "links of other arms that are only drawn are not there, unless named in [statics]"
     OBEDIENCE = "the controller brakes on STOP, and when its last verdict has expired"
-    OBSTACLES = (
-        "obstacles keep to their bounds, and lie within the shapes and errors that are stated"
-    )
+    OBSTACLES = "obstacles keep their bounds, and are within their stated shapes and errors"
     TETHERS = "tethered obstacles are never farther apart than is stated"
     FIRST_SIGHT = "what no source reports is not there, except behind a named entrance"
     EXEMPTIONS = "contact that is ignored does no harm"

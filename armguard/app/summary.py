@@ -53,7 +53,7 @@ def draw_summary(summary: dict[str, Any]) -> Table:
     """The table at the end of a run."""
     table = Table(title="summary", show_header=False)
     table.add_row("ticks", f"{summary['ticks']} ({summary['late']} late)")
-    table.add_row("waited for joint states", f"{summary['waiting']} ticks, told to STOP")
+    table.add_row("waited for joint states", f"{summary['waiting']} ticks, all with a STOP")
     if summary["ticks"]:
         for name, count in summary["levels"].items():
             share = f"{100.0 * count / summary['ticks']:.1f} % of the time"

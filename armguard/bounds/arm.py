@@ -32,7 +32,7 @@ class ArmMotion:
         base_placement: Placement of the robot's base in the world; None: they coincide.
         with_joints: Whether joint and braking bounds are to be used.
         with_plans: Whether plans are to be judged.
-        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
+        in_force: The limits and brakes in force, shared; None: the robot's limits.
         with_velocities: Whether tables are to have velocities, as contact limits need.
 
     Attributes:

@@ -47,8 +47,7 @@ class BrakingData(NamedTuple):
 
     limits: JointLimits
     paced: JointLimits
-    """The same for joints that keep to a fraction of their operating velocities, which are filled
-    for each table."""
+    """The same for joints below a fraction of their operating velocities; filled for each table."""
     velocity: FloatArray
     """Room to work in: what velocities count as, [rad/s] or [m/s]. Shape (nv,)."""
     table: JointTable
@@ -146,7 +145,7 @@ class BrakingMotion(JointSpaceMotion):
                 displacement since its stamp.
 
         Returns:
-            The table; always the same one, filled anew.
+            The table; always the same object, filled again.
 
         Raises:
             ArmguardError: A vector has the wrong length, the state is not finite or beyond its

@@ -181,7 +181,7 @@ class JointMotion(JointSpaceMotion):
             age: Now minus the stamp of the state, in [s]; negative where that is newer.
 
         Returns:
-            The table; always the same one, filled anew.
+            The table; always the same object, filled again.
 
         Raises:
             ArmguardError: A vector has the wrong length, the state is not finite or beyond its

@@ -32,9 +32,9 @@ class JointLimits(NamedTuple):
     position_error: FloatArray
     velocity_error: FloatArray
     operating_velocity: FloatArray
-    """What joints keep to while they work; `velocity` where no operating limits are in force."""
+    """Operating velocities in force; `velocity` if no operating limits are in force."""
     operating_acceleration: FloatArray
-    """With which they speed up then; `acceleration` where no operating limits are in force."""
+    """Operating accelerations in force; `acceleration` if no operating limits are in force."""
 
 
 def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLimits:
@@ -42,8 +42,8 @@ def read_limits(robot: Robot, in_force: LimitsInForce | None = None) -> JointLim
 
     Args:
         robot: The arm.
-        in_force: What joints keep to while they work, shared, so that it may change; None: the
-            robot's limits, and its brakes under the heaviest payload.
+        in_force: The limits and brakes in force, shared, so they may change; None: the robot's
+            limits, and its brakes under the heaviest payload.
 
     Raises:
         RobotError: One of them is missing, zero, negative or not finite.

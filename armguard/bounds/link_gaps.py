@@ -4,7 +4,7 @@ Where something is between two links, it matters how near they can come. The dis
 spheres depends on the joints between their links alone. With one revolute joint between them its
 square is a + b cos x + c sin x in that joint's angle x: its least and greatest are known exactly.
 
-What no joint moves, such as the arm's base, has no spheres. Balls around its boxes stand for it.
+Fixed links, such as the arm's base, have no spheres. Balls around their boxes represent them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from armguard.jit.numerics import SUM_ROUNDING, VARIATION_SLACK
 from armguard.robot.kinematics import Kinematics, SphereTree
 
 FEWEST_PARTS = 6
-"""Spheres of a link that stand for it, unless it has fewer."""
+"""Number of spheres that represent a link, unless it has fewer."""
 
 
 class LinkGaps(NamedTuple):

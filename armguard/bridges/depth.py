@@ -176,8 +176,8 @@ def find_flying(depth: Array, step: float, reach: int = 2) -> Mask:
     atan(f step / (z reach)) between the line of sight and the surface's normal. In other words, the
     shadow of what is nearer is wider by `reach` pixels.
 
-    **What stays.** A flying pixel within `step` of a surface is not told from that surface, and
-    makes it thicker along the line of sight, by `step` at most.
+    **What stays.** A flying pixel within `step` of a surface cannot be distinguished from it, and
+    makes it thicker along the line of sight, by at most `step`.
 
     Args:
         depth: In [m], NaN where there is none. Shape (height, width).
@@ -221,9 +221,9 @@ class Background:
 
     Shown images of the empty cell, it keeps the least depth of each pixel and its eight neighbours,
     so that edges of the background are background even where their pixels fly. What is farther, or
-    nearer by no more than a margin, is background: **somebody who is that near to it is not seen**.
-    A pixel in which no depth was ever seen has no background, and all that is seen in it counts as
-    an obstacle.
+    nearer by no more than a margin, is background: **a person that near to it is not seen**. A
+    pixel in which no depth was ever seen has no background, and all that is seen in it counts as an
+    obstacle.
     """
 
     def __init__(self) -> None:

@@ -129,9 +129,9 @@ class MujocoObstacles:
     """Bodies of a simulation as obstacles: each geom that can collide is one.
 
     Their ids are the geoms' names; a geom without one has its body's, and a number. What is fixed
-    to the world is a static obstacle. The velocity of a body that hangs on a mocap body is told as
-    unknown: whoever places that one gives MuJoCo none. Bodies that are moved by writing `qpos` need
-    a `qvel` that fits. Flexible bodies and skins are not looked at.
+    to the world is a static obstacle. The velocity of a body on a mocap body is unknown, since
+    MuJoCo has no velocity of mocap bodies. Bodies that are moved by writing `qpos` need a `qvel`
+    that fits. Flexible bodies and skins are not looked at.
 
     Args:
         model: An `mjModel`.

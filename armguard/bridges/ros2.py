@@ -225,7 +225,8 @@ class Transforms:
 class Ros2Cell:
     """Takes messages as they come, and answers with verdicts; nothing in a message makes it raise.
 
-    What cannot be used is counted, and told to the monitor where obstacles may be missing for it.
+    Unusable messages are counted, and reported to the monitor if obstacles may be missing because
+    of them.
 
     Args:
         monitor: Is stepped; its table is written.

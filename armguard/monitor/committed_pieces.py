@@ -522,7 +522,7 @@ class CommittedPieces:
                 names = scheduler.arm.names(row * watched.shape[1] + link)
                 return refuse_plan(
                     f"{names[0]} and {names[1]}",
-                    f"{names[1]} is touched: the arm must be at rest, or recede from it on the "
+                    f"{names[1]} touches the arm: the arm must be at rest, or recede on the "
                     "whole piece",
                 )
         return None

@@ -72,5 +72,5 @@ def write_value(value: Any) -> Any:
     raise ArmguardError(
         "schedule",
         f"is a {type(value).__name__} of the application's own",
-        expected="one of armguard's, which alone can be made anew from a recording",
+        expected="one of armguard's schedules: a recording can restore only these",
     )

@@ -91,7 +91,7 @@ def make_scheduler(
         settings: Settings of the monitor.
         ignored: Pairs that are not watched.
         states: Holds the joint positions and velocities of each tick.
-        in_force: What joints keep to while the arm works, and how they stop, shared.
+        in_force: The limits and brakes in force, shared.
         operating: Tests joint states against operating limits; None: no operating limits.
         exemptions: Pairs that are exempt for a while; None: none.
     """

@@ -268,8 +268,8 @@ def _agrees(states: States, row: int, sample: States, accel: float, speed: float
         states: Where the stored state stands.
         row: Its row.
         sample: The sample, in the first place.
-        accel: Bound on acceleration that was told of this body lately, in [m/s²].
-        speed: Bound on speed that was told of this body lately, in [m/s].
+        accel: Bound on acceleration recently stated for this body, in [m/s²].
+        speed: Bound on speed recently stated for this body, in [m/s].
     """
     stored, told = Record(states, row, 0.0, 0.0, 0.0), Record(sample, 0, 0.0, 0.0, 0.0)
     older, newer = (stored, told) if sample.stamp[0] >= states.stamp[row] else (told, stored)

@@ -25,7 +25,7 @@ MAXIMUM_SPEED = 100.0
 """Finite bounds above these, in [m/s²] and [m/s], are another unit or no bounds: `inf` says so."""
 
 BODY_LIMITS = 12.0, 200.0
-"""What no part of a person does unless told otherwise, by speed in [m/s], by acceleration in [m/s²]
+"""Default speed in [m/s] and acceleration in [m/s²] that no part of a person exceeds
 (docs/people.md)."""
 
 BROKEN_FACTOR = 1.5

@@ -18,7 +18,7 @@ class FaultKind(enum.StrEnum):
     """Kind of a fault."""
 
     MALFORMED = "malformed call"
-    PROMISE_BROKEN = "against what was promised of that arm"
+    PROMISE_BROKEN = "against the stated limits or the shared plan of that arm"
     NOT_FINITE = "not a finite number"
     NEGATIVE = "negative"
     BEYOND_ACCEL = "beyond what its acceleration allows"
@@ -154,7 +154,7 @@ class Unplaced:
         return bool(keys)
 
     def forget(self, source: int) -> None:
-        """Forgets all obstacles of a source, which is about to say anew what it sees."""
+        """Drops all obstacles of a source, before its snapshot lists them again."""
         if self._known or self._nameless:
             self._known = {key: seen for key, seen in self._known.items() if key[0] != source}
             self._nameless.discard(source)

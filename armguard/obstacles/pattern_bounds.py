@@ -69,7 +69,7 @@ class PatternBounds:
         Args:
             ids: Of obstacles. Length n.
             accel: Of those that no pattern fits, in [m]/[s]²; None: as made.
-            speed: Alike, in [m]/[s].
+            speed: Speed of these ids, in [m]/[s].
 
         Returns:
             In [m]/[s]² and in [m]/[s]: one number each where there are no patterns, else arrays.

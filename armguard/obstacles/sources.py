@@ -96,7 +96,7 @@ class RefusalCount:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: the stamps so far were wrong."""
+        """Restart, because the stamps so far were wrong."""
         self.is_disbelieved = False
         self._tenth, self._place = -math.inf, 0
         self._rows, self._refused = [0] * 10, [0] * 10
@@ -135,7 +135,7 @@ class SourceState:
         source: As it was named, or as it introduced itself.
         index: Its number, in order of appearance.
         is_named: Whether it was named before it spoke.
-        heard: Whether it has ever spoken.
+        heard: Whether it has ever sent a message.
         stamp: Of the last message received, in [s]; -inf before the first.
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:
             a late message does not make its source look silent.
@@ -191,7 +191,7 @@ class Sources:
             self._add(source).is_named = True
 
     def find(self, name: str) -> SourceState | None:
-        """State of a source; None if it was neither named nor heard."""
+        """State of a source; None if it was neither named nor has sent."""
         return self._by_name.get(name)
 
     def hear(self, name: str, stamp: float) -> SourceState:
@@ -283,8 +283,8 @@ class Sources:
     def ahead(self, now: float, tolerance: float) -> list[tuple[str, float]]:
         """Sources stamped more than `tolerance` [s] ahead of `now`, and by how much, in [s].
 
-        A message stamped so far ahead counts as heard now: else its source could keep silent for
-        as long unnoticed.
+        A message with a stamp so far ahead counts as received now; otherwise its source could be
+        silent for as long unnoticed.
         """
         for state in self.states:
             if not state.newest - now <= tolerance:

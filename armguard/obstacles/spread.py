@@ -10,12 +10,12 @@ was off by (what is observed - A h2 (h1 + h2) / 2) / (2 + 2 r) at the least. Two
 the later one's velocity, by |v1 - (x1 - x0) / h1| <= A h1 / 2 + 2 dp / h1 + dv.
 
 Of these proved errors a running median is kept: from the least of the first ten samples on it goes
-up by 2 % where the next one is above it, and else down. Errors larger than stated are told while
-the median is above one and a half times what is stated, once 50 samples have come. A body that
-keeps its bounds and errors is never told of, for none of its proved errors is above the stated one;
-nor, but for chance, is one of whose samples fewer than half are swapped or jump (a jump spoils
-three): with three in ten spoiled, the median stands at one and a half times in less than one sample
-of 10,000,000. One that breaks its acceleration bound all the time does look like one with larger
+up by 2 % where the next one is above it, and else down. After 50 samples, errors larger than stated
+are reported while the median is above 1.5 times the stated error. A body that keeps its bounds and
+errors is never reported, since none of its proved errors is above the stated one; nor, but for
+chance, is one of whose samples fewer than half are swapped or jump (a jump spoils three): with
+three in ten spoiled, the median stands at one and a half times in less than one sample of
+10,000,000. One that breaks its acceleration bound all the time does look like one with larger
 errors. What is proved is below what the errors are: noise that is normal with a deviation of s
 along each axis comes out at 0.9 s or so.
 """
@@ -36,10 +36,10 @@ STEP = 1.02
 """Factor by which a running median goes up and down."""
 
 TOLD_BEYOND = 1.5
-"""Times its stated error a running median is told of."""
+"""Multiple of the stated error above which a running median is reported."""
 
 FEWEST_SAMPLES = 50
-"""Samples before anything is told."""
+"""Number of samples before anything is reported."""
 
 BEGINNING = 10
 """Samples of which a running median begins with the least proved error."""

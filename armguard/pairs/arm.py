@@ -34,7 +34,7 @@ class WatchedArm:
         obstacles: The table.
         ignored: Pairs that are not watched.
         settings: Where the arm stands, and which bounds count.
-        in_force: What joints keep to while the arm works, shared; None: the robot's limits.
+        in_force: The limits and brakes in force, shared; None: the robot's limits.
         exemptions: Pairs that are not watched for the time being; None: there are none.
 
     Attributes:

@@ -368,7 +368,7 @@ class ArmObstacles:
     def _test(
         self, obstacles: Obstacles, stamp: float, position: FloatArray, velocity: FloatArray
     ) -> None:
-        """Put the hardware's limits in force, and leave a fault, if a promise is broken."""
+        """Put the hardware's limits in force and leave a fault after a violation."""
         history = self._history
         if history is not None and not history.accept(stamp, position, velocity):
             joint, detail = history.describe_break(velocity)
@@ -391,7 +391,7 @@ class ArmObstacles:
                 break
 
     def _tell_break(self, obstacles: Obstacles, stamp: float, joint: str, detail: str) -> None:
-        """Trust no promise for a while, and tell the verdict why."""
+        """Use no operating limits and plans for a while, and leave a fault that says why."""
         self._suspended_until = max(self._suspended_until, stamp + SUSPENDED_FOR)
         self._plans.clear()
         obstacles.leave_broken(self.name, joint, detail, stamp)

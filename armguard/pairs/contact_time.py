@@ -511,7 +511,7 @@ def _is_safe(
 def rests_in_time(
     handle: Any, link: int, row: int, now: float, budget: int
 ) -> tuple[int, int, float, int]:
-    """Whether a link surely rests before contact, though the arm brakes only after the next tick.
+    """Whether a link is proved to be at rest before contact if the arm brakes after the next tick.
 
     Where contact with the obstacle is permitted, it has to be slow enough for good before contact.
     Descends to the spheres that fail; the scene's table of braking ends when the arm rests. Of what

@@ -6,8 +6,8 @@ before the exemption's time and, where it has a zone, in this. So a pair is left
 `now` only if
 
 - `now + horizon` is no later than that time, and
-- the obstacle surely stays in the zone from `now` to `now + horizon`, whatever it does within its
-  bounds; where the arm touches it is then in the zone as well (`zone`).
+- the obstacle certainly stays in the zone from `now` to `now + horizon`, whatever it does within
+  its bounds; where the arm touches it is then in the zone as well (`zone`).
 
 Proof that a stop is in time. Let the arm touch such an obstacle, unwanted, at a time t: past the
 time of the exemption, or where part of the obstacle is outside the zone. In any tick that left the
@@ -267,8 +267,8 @@ class Exemptions:
 
         Args:
             now: Time of the tick, in [s].
-            horizon: In which the arm surely rests that is told to stop by the next verdict, in [s];
-                inf where nothing is known of that.
+            horizon: Time by which the arm is at rest after a STOP by the next verdict, in [s]; inf
+                if unknown.
         """
         over = [entry for entry in self._entries if not now < entry.exemption.until]
         self._drop(over)
@@ -369,7 +369,7 @@ def _match(entry: _Entry, row: int, name: str, source: str) -> None:
 
 
 def _rests_before(until: float, now: float, horizon: float) -> bool:
-    """Whether an arm that is told to stop by the next verdict rests before a time."""
+    """Whether an arm is at rest before a time after a STOP by the next verdict."""
     return horizon < math.inf and (now + horizon + TIME_ROUNDING * (abs(now) + horizon) <= until)
 
 

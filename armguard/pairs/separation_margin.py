@@ -97,8 +97,7 @@ class SeparationMargin:
 
         Args:
             state: The tick's numbers.
-            stop_time: Time in which the arm surely rests, counted from the tick, in [s]: the
-                response time and that of braking.
+            stop_time: Stop time from the tick, in [s]: the response time plus the time of braking.
             watched: Which pairs count, by obstacle row × links + link; those beyond its end do.
                 None: all. Shape (n,).
 

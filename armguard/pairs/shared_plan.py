@@ -52,7 +52,7 @@ _STEPS = 32
 
 
 class SharedPlan(NamedTuple):
-    """What a promise bounds; times in [s] on the clock of the arm's joint states."""
+    """Bounds from a shared plan; times in [s] on the clock of the arm's joint states."""
 
     start: float
     """It holds from then on."""
@@ -65,7 +65,7 @@ class SharedPlan(NamedTuple):
     [rad]/[s] or [m]/[s], at least 0, never falling. Shape (m, 2, nv)."""
 
     def find_excess(self, stamp: float, v: FloatArray, velocity_error: FloatArray) -> FloatArray:
-        """By how much joints are surely faster than promised, at most 0 where they are not.
+        """How much joints are certainly faster than the plan allows; at most 0 if they are not.
 
         Args:
             stamp: Of the joint state, in [s].
@@ -124,18 +124,18 @@ class SharedPlan(NamedTuple):
 def read_shared_plan(
     plan: object, until: object, fastest: FloatArray, clock_error: float = 0.0
 ) -> SharedPlan:
-    """What a promise bounds.
+    """The bounds from a shared plan.
 
     Args:
         plan: An `armguard.Plan` that says how far velocities may be off, and that ends at rest or
             not before `until`, of `MOST_SAMPLES` at most.
-        until: How long it is promised, in [s] on the clock of its stamp.
+        until: Time until which the arm follows it, in [s] on the clock of its stamp.
         fastest: Greatest speeds of continuous joints, whose positions may wrap, in [rad]/[s]; inf
             for all others. Shape (nv,).
         clock_error: What that clock may be off by, either way, in [s].
 
     Raises:
-        ArmguardError: It is no such promise; it is refused by what is wrong with it.
+        ArmguardError: The plan cannot be used; the message says why.
     """
     found = read_plan(plan, len(fastest))
     if isinstance(found, Refusal):

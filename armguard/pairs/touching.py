@@ -5,7 +5,7 @@ measured state, errors included, may only come to rest, or recede on a committed
 So a part is pressed no farther than one stop goes.
 
 Measured velocities do not say that an arm draws back. A part that is pushed against a compliant arm
-pushes it back as well, and the arm would press on as soon as it was told to go on.
+pushes it back as well, and the arm would press again as soon as a verdict let it move on.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ def find_staying(
     horizon: float,
     staying: NDArray[np.bool_],
 ) -> None:
-    """Find the obstacles that surely stay in a zone from now on for some time.
+    """Find the obstacles that certainly stay in a zone from now on for some time.
 
     All states of an obstacle that may be true must stay there, refused ones among them, each with
     its errors, its age and its bounds; one that could be anywhere does not.

@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 SOURCE = "ANSUR II [Gordon2014]: mean plus 4 standard deviations"
-"""Where lengths come from that nobody has stated or learned."""
+"""Source of lengths that are neither stated nor learned."""
 
 TALLEST = 2.3
 SHORTEST = 1.3
@@ -29,9 +29,9 @@ class Segment(NamedTuple):
     """Greatest distance of two points of a body."""
 
     length: float
-    """Of anybody, in [m]."""
+    """Greatest length of any adult, in [m]."""
     per_height: float
-    """Of somebody of a known height, in [m] for each [m] of it."""
+    """Greatest length of a person of known height, in [m] per [m] of height."""
     is_rigid: bool
     """Whether it is one bone or so, whose length can be learned from samples."""
 

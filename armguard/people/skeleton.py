@@ -466,7 +466,7 @@ class Skeleton:
         return min((ways[goal] for goal in goals), key=lambda way: way[0])
 
     def _state_tethers(self, table: Obstacles) -> None:
-        """State them to a table that has not been told, or not of what is learned since."""
+        """State new or changed tethers to a table."""
         if self._stated_to is not table:
             for one in self.tethers:
                 table.tether(one.a, one.b, one.length, one.source)

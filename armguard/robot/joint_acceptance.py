@@ -74,9 +74,9 @@ class Guard(NamedTuple):
     continuous: NDArray[np.bool_]
     """Which joints have no position limits. Shape (nv,)."""
     operating_velocity: FloatArray
-    """What joints keep to while the arm works, in force now; shared. Shape (nv,)."""
+    """Operating velocities in force; shared. Shape (nv,)."""
     operating_acceleration: FloatArray
-    """With which they speed up then; shared. Shape (nv,)."""
+    """Operating accelerations in force; shared. Shape (nv,)."""
     velocity_error: FloatArray
     acceleration_limit: FloatArray
     brakes: BrakeCurves
@@ -236,7 +236,7 @@ def _find_fault(
 
 @kernel
 def stop_times(guard: Guard, v: FloatArray, age: float) -> tuple[float, float, int]:
-    """Times in which all joints surely rest, in [s]: braking as soon as told, and after the delay.
+    """Stop times of all joints, in [s]: if they brake at once, and if they brake after the delay.
 
     Args:
         guard: Limits and delays.

@@ -39,8 +39,8 @@ class JointStates:
         horizon: Until the verdict after the present one is obeyed, in [s].
         reaction_time: From command to braking torque, in [s].
         period: Of ticks, in [s]; what passes in each where their time stands.
-        in_force: What joints keep to while the arm works, shared; None: the robot's limits,
-            and its brakes under the heaviest payload.
+        in_force: The limits and brakes in force, shared; None: the robot's limits, and its brakes
+            under the heaviest payload.
     """
 
     def __init__(

@@ -136,7 +136,7 @@ class LimitsInForce:
 
         Args:
             robot: Whose limits and brakes.
-            operating: What its controller keeps to, or "published"; None: the robot's limits.
+            operating: Operating limits of its controller, or "published"; None: the robot's limits.
             payload: What it carries at most, in [kg]; None: the heaviest that its brakes are stated
                 for.
 
@@ -177,7 +177,7 @@ class LimitsInForce:
 
         Args:
             payload: In [kg]; None: as it is.
-            operating: What the controller keeps to; None: as it is.
+            operating: Operating limits of the controller; None: unchanged.
 
         Raises:
             ArmguardError: They do not fit the robot.

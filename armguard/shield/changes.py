@@ -63,7 +63,7 @@ class PaceChanges:
     """Changes of the pace along paths.
 
     Args:
-        limits: That the joints keep to.
+        limits: Limits of the joints.
     """
 
     def __init__(self, limits: MotionLimits) -> None:
@@ -167,7 +167,7 @@ class JointChanges:
     """Changes of the joints' velocities.
 
     Args:
-        limits: That the joints keep to.
+        limits: Limits of the joints.
     """
 
     def __init__(self, limits: MotionLimits) -> None:

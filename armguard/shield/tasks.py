@@ -78,7 +78,7 @@ class FollowPaths:
 
     Args:
         paths: From where the arm rests; the first ones are preferred.
-        limits: That the joints keep to.
+        limits: Limits of the joints.
         period: Of steps, in [s].
         look_ahead: In [s], >= period.
 
@@ -192,9 +192,9 @@ class KeepVelocity:
     """Moves the joints at a velocity while that is requested: jogging, or a policy.
 
     Args:
-        limits: That the joints keep to.
-        lower: Position limits, in [rad] or [m]. Shape (nv,).
-        upper: Alike.
+        limits: Limits of the joints.
+        lower: Lower position limits, in [rad] or [m]. Shape (nv,).
+        upper: Upper position limits, in [rad] or [m]. Shape (nv,).
         period: Of steps, in [s].
         look_ahead: In [s], >= period.
     """
@@ -251,9 +251,9 @@ class FollowPoints:
     """Follows a policy's next positions as far as that is provable; further ones are dropped.
 
     Args:
-        limits: That the joints keep to.
-        lower: Position limits, in [rad] or [m]. Shape (nv,).
-        upper: Alike.
+        limits: Limits of the joints.
+        lower: Lower position limits, in [rad] or [m]. Shape (nv,).
+        upper: Upper position limits, in [rad] or [m]. Shape (nv,).
         period: Of steps, in [s].
         look_ahead: In [s], >= period.
         apart: Between points, in [s].

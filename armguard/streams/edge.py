@@ -88,7 +88,7 @@ class EdgeSettings:
     limits: Mapping[str, SourceLimits] = dataclasses.field(default_factory=dict)
     """How much sources may send; those not named here, as `SourceLimits` has it."""
     own_points: OwnPoints | None = None
-    """How points that are the arm's are told from others; None: no clouds are taken."""
+    """Removes the arm's own points from clouds; None: clouds are refused."""
     drain_time: float = DRAIN_TIME
     """How long a drain may last, in [s], in equal parts for its inputs. One message of each is
     taken whatever it takes, and the one at which the time ends is finished."""
@@ -337,7 +337,7 @@ class Edge:
         self.requests.goals.append(self._goals.read(message, self.joints.order))
 
     def _take_plan(self, message: PlanMessage) -> None:
-        """Note what is asked about a plan, or hand on what another arm promises."""
+        """Note a request about a plan, or pass on the shared plan of another arm."""
         arm, other = message.arm, self._others.get(message.arm)
         if message.ask != "share":
             if other is None:

@@ -83,10 +83,10 @@ class SocketInput:
     Args:
         address: `ipc://path`, or TCP on the loopback interface; `tcp://127.0.0.1:*` takes any port.
             With an authenticator, TCP on any interface.
-        authenticator: Lets in the clients that it knows, whenever it is told to answer those that
-            ask; None: there are no keys.
-        connections: Most that there may be at once; whoever comes then is shut out by the next call
-            of `limit_connections`, and may have been heard until then.
+        authenticator: Accepts the clients that it knows, when its handshakes are answered; None: no
+            keys.
+        connections: Greatest number at once. The next call of `limit_connections` ends further
+            connections; their messages may be read until then.
 
     Attributes:
         authenticator: As above.
@@ -315,7 +315,7 @@ class InputWatch:
     """Looks after inputs before messages are taken from them.
 
     Args:
-        faults: Where it is counted who was not let in.
+        faults: The log that counts refused clients.
     """
 
     def __init__(self, faults: FaultLog) -> None:
@@ -330,7 +330,7 @@ class InputWatch:
     def attend(self, inputs: Sequence[Input]) -> Sequence[Input]:
         """Note which sockets have something to read, and admit clients; never blocks.
 
-        A few clients a call are let in, and it is counted who may not be.
+        Each call accepts a few clients, and counts refused ones.
 
         Returns:
             Inputs that were not among those of the last call.

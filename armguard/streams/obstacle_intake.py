@@ -29,7 +29,7 @@ class ObstacleIntake:
         intake: The table, where faults are counted, and times.
         accel: Bound of obstacles that bring none and that no pattern of the table's fits, in
             [m/s²]; for sources without a clock.
-        speed: Alike, in [m/s].
+        speed: Bound on their speed, in [m/s].
     """
 
     def __init__(self, intake: Intake, accel: float = math.inf, speed: float = math.inf) -> None:
@@ -102,8 +102,8 @@ def widen(
         accel: Bound on acceleration, in [m/s²]. Shape () or (n,).
         speed: Bound on speed, in [m/s]. Shape () or (n,).
         velocity: As measured, in [m/s]; None: it was not. Shape (n, 3) or (n, k, 3).
-        position_error: As told, in [m]. Shape () or (n,).
-        velocity_error: As told, in [m/s]. Shape () or (n,).
+        position_error: Received position errors, in [m]. Shape () or (n,).
+        velocity_error: Received velocity errors, in [m/s]. Shape () or (n,).
     """
     accel, speed = np.asarray(accel), np.asarray(speed)
     position_error, velocity_error = np.asarray(position_error), np.asarray(velocity_error)

@@ -88,7 +88,7 @@ class OtherArmIntake:
             intake.count_refused(error, name, None)
 
     def take_shared_plan(self, message: PlanMessage) -> None:
-        """Hand on what the arm promises; what cannot be taken narrows nothing, and is said."""
+        """Pass on a shared plan of the arm; an unusable plan has no effect, and is reported."""
         intake, clock = self._intake, self._clock
         request = self._plans.read(message, self._order)
         if request.problem:

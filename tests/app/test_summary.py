@@ -44,7 +44,7 @@ def test_a_run_without_joint_states_was_a_stop_all_the_time():
     counts.waiting = 12
     shown = show(summarise(make_report(), counts), 80)
     assert "%" not in shown
-    assert "all the time: no joint state came" in shown
+    assert "all the time: no usable joint state arrived" in shown
     assert "none possible" not in shown
 
 

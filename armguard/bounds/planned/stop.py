@@ -265,7 +265,7 @@ def bound_path_braking(
     first: float,
     last: float,
 ) -> tuple[float, int, float]:
-    """How fast the path's clock can surely be slowed down between two times, in [1]/[s].
+    """Guaranteed deceleration of the path's clock between two times, in [1]/[s].
 
     Args:
         times: Of the samples, in [s], rising. Shape (k,), k >= 2.

@@ -42,7 +42,7 @@ def test_without_its_view_it_goes_on_and_a_robot_that_hangs_is_a_stop(start, tmp
     out, err = finish(demo)
     assert demo.process.returncode == 0
     assert json.loads(out)["ticks"] > 0
-    assert "the page has ended" in err
+    assert "the browser page has ended" in err
     assert "armguard:" not in err
     assert not list(tmp_path.iterdir())
 

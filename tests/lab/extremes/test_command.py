@@ -58,7 +58,7 @@ def test_an_interrupt_keeps_what_was_found(found, monkeypatch, capsys):
     assert "| 1 m | sound |" in out
     interrupt([], monkeypatch)
     assert main(["extremes"]) == 130
-    assert "interrupted before there was anything" in capsys.readouterr().err
+    assert "interrupted before there was a result" in capsys.readouterr().err
 
 
 def test_all_cases_are_measured_in_their_order(monkeypatch):
