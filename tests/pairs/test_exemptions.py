@@ -134,7 +134,7 @@ def test_a_pattern_waits_for_its_match_and_is_told_until_then():
     assert exemptions.unmatched == ["fixtrue"]
     exemptions.update(1.0, 0.1)
     assert exemptions.unmatched == ["fixtrue"]
-    assert "no obstacle" in exemptions.states[0].detail
+    assert "no matching obstacle" in exemptions.states[0].detail
     obstacles.add_static("fixtrue", [0.0, 0.0, 0.5], 0.1)
     left_out(obstacles, exemptions, "fixtrue")
     assert exemptions.unmatched == []
