@@ -102,7 +102,7 @@ def test_the_page_on_settings_quotes_the_reports():
         match["cells"].split(" | ")
         if match["name"] == "setting"
         else (match["name"], match["cells"])
-        for match in ROW.finditer(page[page.index("## Results") : page.index("## What")])
+        for match in ROW.finditer(page[: page.index("## What")])
     )
     assert {"default", "finest"} <= {name for name, _ in rows}
     for name, found in rows:
@@ -111,16 +111,10 @@ def test_the_page_on_settings_quotes_the_reports():
             assert cell == f"{known[scene][name][key.lower()]:.1%}", (name, head)
 
 
-def test_the_page_on_settings_quotes_what_trials_chose():
-    page = (DOCS / "settings.md").read_text(encoding="utf-8")
-    start = page.index("| scene |")
-    shown = {
-        re.search(r"tradeoff/auto/([^/]+)/README", match["name"])[1]: match["cells"].split(" | ")
-        for match in list(ROW.finditer(page[start:]))[1:]
-    }
+def test_the_table_of_trials_quotes_their_reports():
     quoted = {name: found for name, *found in read_table("trials.csv")}
     reports = {path.name for path in (DOCS / "tradeoff" / "auto").iterdir()}
-    assert set(quoted) == set(shown) == reports >= {"cell", "panda", "ur10", "near-1000"}
+    assert set(quoted) == reports >= {"cell", "panda", "ur10", "near-1000"}
     for name, found in quoted.items():
         data = read(DOCS / "tradeoff" / "auto" / name)
         assert data["interrupted"] == ""
@@ -135,8 +129,6 @@ def test_the_page_on_settings_quotes_what_trials_chose():
                 for price in ("evaluated", "core")
             ]
         assert found == told, name
-        stale, level, auto, _, auto_time, default, _, default_time = told
-        assert shown[name] == [f"{stale}, {level}", auto, auto_time, default, default_time]
 
 
 def test_nothing_at_the_extremes_is_unsound():
