@@ -10,8 +10,8 @@ whatever is said, so that all rules judge the same states. Then it obeys them, o
 delays its brakes act with the deceleration that they guarantee, and once it may, it returns to its
 path. At last it obeys the speed scales too. All of that is done with each of the bounds on people
 and with samples of several ages, with clean data and with data as they come, faults included. Rules
-with contact limits have a part of the page of their own, with every touch. The page that this
-writes says how to read it.
+with contact limits have tables of their own, with every touch. The page that this writes says how
+to read it.
 
 Time is judged at 100 Hz, the rate of the recordings. A rule says STOP by what could happen until
 the next tick's STOP would bite, and that time is kept the same at every rate; at 200 Hz and at
@@ -225,7 +225,9 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=1, help="trajectories beside each recording")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they spoil prices")
-    parser.add_argument("--out", type=Path, help="page to write; default: print it")
+    parser.add_argument(
+        "--out", type=Path, help="page to write, with tables beside it; default: print it"
+    )
     return parser.parse_args(arguments)
 
 
@@ -251,11 +253,12 @@ def main(arguments: list[str] | None = None) -> list[Found]:
     priced = play_all(paced, [Case(speed, paths[0], 0, 0) for speed in options.speeds], 1)
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
     command = f"python benchmarks/bench_recordings.py {words}".strip()
-    page = write_page(found, priced, scope, options.rate, command, describe_machine(load=False))
+    machine = describe_machine(load=False)
+    page, tables = write_page(found, priced, scope, options.rate, command, machine)
     if options.out is None:
         print(page)
     else:
-        write_with_tables(page, options.out)
+        write_with_tables(page, tables, options.out)
         print(f"wrote {options.out}")
     return found
 

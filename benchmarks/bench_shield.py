@@ -203,7 +203,9 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     parser.add_argument("--placements", type=int, default=2, help="of the arm's base")
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="page to write; default: print it")
+    parser.add_argument(
+        "--out", type=Path, help="page to write, with tables beside it; default: print it"
+    )
     options = parser.parse_args(arguments)
     paths = recorded.find_recordings()[: options.recordings]
     run = Run(options.seconds, tuple(options.reactions), tuple(options.ages))
@@ -224,11 +226,11 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     )
     words = shlex.join(sys.argv[1:] if arguments is None else arguments)
     command = f"python benchmarks/bench_shield.py {words}".strip()
-    page = write_page(found, prices, command, describe_machine(load=False))
+    page, tables = write_page(found, prices, command, describe_machine(load=False))
     if options.out is None:
         print(page)
     else:
-        write_with_tables(page, options.out)
+        write_with_tables(page, tables, options.out)
         print(f"wrote {options.out}")
     return found
 

@@ -251,7 +251,7 @@ def read_options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--recordings", type=int, default=None, help="only so many of them")
     parser.add_argument("--jobs", type=int, default=1, help="processes; they slow steps down")
     parser.add_argument("--rows", type=Path, help="file of what was found, to go on with later")
-    parser.add_argument("--out", type=Path, help="page to write after each case")
+    parser.add_argument("--out", type=Path, help="page to write after each case, with tables")
     return parser.parse_args(arguments)
 
 
@@ -267,10 +267,10 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     facts = {
         "cases": len(cases), "command": f"python benchmarks/bench_shield_loop.py {words}".strip(),
         "machine": describe_machine(load=False), "load": LOAD,
-        "margin": MARGIN, "drill": DRILL_EVERY, "drilled": DRILLS * DRILL_SECONDS,
+        "margin": MARGIN,
     }  # fmt: skip
 
-    def make_page() -> str:
+    def make_page() -> tuple[str, dict[str, list[str]]]:
         return write_page(rows, PERIOD, done=len({row[:5] for row in rows}), **facts)
 
     rows: list[Row] = []
@@ -287,8 +287,8 @@ def main(arguments: list[str] | None = None) -> list[Row]:
         if options.rows is not None:
             options.rows.write_bytes(pickle.dumps(rows))
         if options.out is not None:
-            write_with_tables(make_page(), options.out)
-    print(make_page())
+            write_with_tables(*make_page(), options.out)
+    print(make_page()[0])
     return rows
 
 

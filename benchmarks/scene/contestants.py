@@ -42,8 +42,7 @@ OPERATING_ACCELERATION = 0.27
 DESCRIPTIONS = {
     OPERATING: f"a monitor with `operating=`, {OPERATING_ACCELERATION:g} of the acceleration limits"
     f" and {OPERATING_VELOCITY:g} of the top speeds",
-    PIECES: "`commit` besides: in each tick the next piece, with a stop at its end",
-    OPERATING + TETHERED: "[tethers](obstacles.md#tethers) by published lengths",
+    PIECES: "each tick commits the next piece, which ends in a stop",
 }
 """What is particular about monitors with settings."""
 

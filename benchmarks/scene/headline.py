@@ -6,7 +6,6 @@ import numpy as np
 
 from scene.contestants import (
     AS_THEY_COME,
-    LEAST,
     MAIN,
     MAIN_RAW,
     OPERATING,
@@ -35,15 +34,16 @@ def write_numbers(results: Results, scope: Scope) -> list[str]:
     needed = results.total("needed", None, mine, setting)
     return [
         f"With operating limits, bounds on people {setting.bounds}, samples"
-        f" {milliseconds(setting.camera)} old and as they come, and"
-        f" {milliseconds(setting.reaction)} of reaction; all speeds and places together:",
+        f" {milliseconds(setting.camera)} old, and"
+        f" {milliseconds(setting.reaction)} of reaction:",
         "",
-        f"- **{stopped} of the time in STOP**; the {SEPARATION} {rivals}: {times} times;"
-        f" with tethers **{tied_stopped}**, {tied_times} times.",
-        f"- **{lost} of the work lost**; the {SEPARATION} {by_rival}; with tethers {tied_lost}.",
-        f"- **{missed[0]} of {needed} needed STOPs missed**, {missed[1]} hidden, {missed[2]}"
-        f" beyond; with tethers {_count(results, tied, setting)}; the {SEPARATION}"
-        f" {_count(results, rival, setting)}.",
+        f"- **{stopped} of the time in STOP**, which is {times} times the {rivals} of the"
+        f" {SEPARATION}; with [tethers](obstacles.md#tethers) **{tied_stopped}**, or {tied_times}"
+        " times.",
+        f"- **{lost} of the work lost**, compared with {by_rival} by the {SEPARATION}; with"
+        f" tethers {tied_lost}.",
+        f"- **{missed[0]} of {needed} needed STOPs missed**, {missed[1]} while the body was hidden"
+        f" and {missed[2]} after it had broken its bounds.",
     ]
 
 
@@ -54,14 +54,15 @@ def write_short_tables(results: Results, scope: Scope) -> list[str]:
     return [
         "## Time in STOP and work lost",
         "",
-        f"Data as they come, {real.bounds}, samples {milliseconds(real.camera)} old: time in STOP,"
-        f" in brackets as a multiple of the {SEPARATION}, and work lost.",
+        f"All samples, {real.bounds}, {milliseconds(real.camera)} old: time in STOP, in brackets as"
+        f" a multiple of the {SEPARATION}, and work lost.",
         "",
-        *_tabulate(results, MAIN_RAW, [real], has_lost=True),
+        *_tabulate(results, MAIN_RAW[:3], [real], has_lost=True),
         "",
-        f"Clean data, {usual.bounds}, samples {milliseconds(usual.camera)} old: time in STOP.",
+        f"Samples within their bounds, {usual.bounds}, {milliseconds(usual.camera)} old: time in"
+        " STOP.",
         "",
-        *_tabulate(results, (LEAST, *MAIN), settings, has_lost=False),
+        *_tabulate(results, MAIN[1:], settings, has_lost=False),
         "",
     ]
 
@@ -79,7 +80,7 @@ def _tabulate(
 ) -> list[str]:
     columns = [(speed, setting) for speed in results.speeds for setting in settings]
     heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x.reaction)}" for speed, x in columns)]
-    rival = next(rule for rule in rules if rule.startswith(SEPARATION))
+    rival = SEPARATION + AS_THEY_COME if has_lost else SEPARATION
     rows = []
     for rule in rules:
         row = [rule.replace(AS_THEY_COME, "")]
@@ -117,8 +118,3 @@ def write_costs(results: Results, scope: Scope) -> list[str]:
 def _find_missed(results: Results, rule: str, setting: Setting) -> list[int]:
     """Ticks that it let pass: of bodies in view, of hidden ones, of those that broke bounds."""
     return [results.total(x, None, rule, setting) for x in ("missed", "hidden", "beyond")]
-
-
-def _count(results: Results, rule: str, setting: Setting) -> str:
-    missed, hidden, beyond = _find_missed(results, rule, setting)
-    return f"{missed}, {hidden} and {beyond}"

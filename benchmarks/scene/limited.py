@@ -1,15 +1,13 @@
-"""The part of the page on contact limits: what they save, and every touch that they permit."""
+"""What contact limits save, and every touch that they permit."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from pathlib import Path
 
 import numpy as np
 
 from scene.contestants import LIMIT_TARGETS, OPERATING, PIECES, SEPARATION, WITH_LIMITS, Scope
-from scene.example_limits import LIMITS, SOURCE
 from scene.plays import Judged, Obeyed
 from scene.results import Aim, Found, Results, make_table, milliseconds, multiple, percent
 from scene.stop_rules import Setting
@@ -17,39 +15,22 @@ from scene.touches import Touch
 
 RULES = (SEPARATION, OPERATING, OPERATING + WITH_LIMITS, PIECES, PIECES + WITH_LIMITS)
 
-HEADER = Path(__file__).with_name("limited_head.md")
-"""What stands above the tables, with places for what a run fills in."""
 
-
-def write_limits(results: Results, scope: Scope) -> list[str]:
-    """Lines of that part; none where no rule has limits.
+def make_limit_tables(results: Results, scope: Scope) -> dict[str, list[str]]:
+    """Tables by name: shares, causes of STOP, costs of obeying, and touches.
 
     Args:
         results: Of `RULES`.
         scope: Settings that were compared.
     """
-    if not any(rule.endswith(WITH_LIMITS) for rule in results.rules):
-        return []
-    limits = ", ".join(
-        f"{region.replace('_', ' ')} {limit.max_speed:.2f} m/s"
-        for region, limit in LIMITS.by_region.items()
-    )
     settings = [scope.usual._replace(reaction=reaction) for reaction in scope.extremes]
-    text = HEADER.read_text(encoding="utf-8").format(source=SOURCE, limits=limits)
-    lines = ["## Contact limits", "", text, *_shares(results, settings), ""]
-    touches = [
-        touch
-        for one in results.found
-        if one.rule.endswith(WITH_LIMITS) and isinstance(one.outcome, Obeyed)
-        for touch in one.outcome.touches
-        if touch.is_promised
-    ]
-    beyond = sum(touch.is_beyond for touch in touches)
-    lines += [
-        f"Causes of STOP; costs of obeying; touches ({len(touches)}, {beyond} beyond a limit):",
-        "", *_causes(results, settings), "", *_obeying(results, settings),
-    ]  # fmt: skip
-    return [*lines, ""]
+    obeyed, touches = _obeying(results, settings)
+    return {
+        "contact-limits": _shares(results, settings),
+        "contact-limits-causes": _causes(results, settings),
+        "contact-limits-obeyed": obeyed,
+        "contact-limits-touches": touches,
+    }
 
 
 def find_aims(results: Results, scope: Scope) -> list[Aim]:
@@ -143,7 +124,7 @@ def _causes(results: Results, settings: list[Setting]) -> list[str]:
     return make_table(["rule", "stopped by", *_heads(results, settings)], rows)
 
 
-def _obeying(results: Results, settings: list[Setting]) -> list[str]:
+def _obeying(results: Results, settings: list[Setting]) -> tuple[list[str], list[str]]:
     """What obeying costs, and all that is touched then."""
     rows, touched = [], []
     for setting in settings:
@@ -185,7 +166,7 @@ def _obeying(results: Results, settings: list[Setting]) -> list[str]:
         "stops a minute", "work lost", "touches permitted", "contacts beyond a limit",
         "with a body that broke its bounds",
     ]  # fmt: skip
-    return [*make_table(heads, rows), "", *_list_touches(touched)]
+    return make_table(heads, rows), _list_touches(touched)
 
 
 def _list_touches(touched: list[tuple[tuple[object, ...], Found, Touch]]) -> list[str]:
@@ -208,4 +189,4 @@ def _list_touches(touched: list[tuple[tuple[object, ...], Found, Touch]]) -> lis
         "speed of the surface", "fastest", "limit", "depth of the cover",
         "way of the surface into the body", "limit kept",
     ]  # fmt: skip
-    return make_table(heads, rows) if rows else ["Nothing was touched."]
+    return make_table(heads, rows)

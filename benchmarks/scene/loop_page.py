@@ -1,4 +1,4 @@
-"""The page on a shield that moves a simulated arm: tables of what was found."""
+"""The page on a shield that moves a simulated arm, and tables of all that was found."""
 
 from __future__ import annotations
 
@@ -9,15 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from scene.results import make_table, milliseconds, percent
-from scene.shielded import Following, Shielded
-from scene.simulated_arm import NEAR
+from scene.shielded import Contact, Following, Shielded
 from scene.stop_rules import Setting
 
 HEADER = Path(__file__).with_name("loop_head.md")
 """What stands above the tables, with places for what a run fills in."""
-
-MOST_LISTED = 30
-"""Contacts that are named one by one."""
 
 
 class Row(NamedTuple):
@@ -49,8 +45,8 @@ def find_hours(rows: Iterable[Row], period: float) -> float:
     return sum(row.played.ticks for row in rows) * period / 3600.0
 
 
-def write_page(rows: list[Row], period: float, **facts: object) -> str:
-    """The page, in Markdown.
+def write_page(rows: list[Row], period: float, **facts: object) -> tuple[str, dict[str, list[str]]]:
+    """The page in Markdown, and tables by the names of their files.
 
     Args:
         rows: All that was found.
@@ -74,21 +70,14 @@ def write_page(rows: list[Row], period: float, **facts: object) -> str:
         off=sum(row.steps_off for row in shown), steps=f"{len(prices):,}", lost=", ".join(lost),
         p50=f"{p50:.2f}", p99=f"{p99:.2f}", rate=1.0 / period, **facts,
     )  # fmt: skip
-    text = "Premise broken: the body was hidden, or had broken its bounds in the last half second."
-    text += f" Distances count up to {1e3 * NEAR:g} mm. Rests and hardest stops are a minute."
-    parts = [head, "## Beside people", "", text, "", *_table(shown, period), ""]
-    parts += ["## Shown nobody", "", *_table_of_blind(blind, period), ""]
+    tables = {
+        "beside-people": _table(shown, period),
+        "shown-nobody": _table_of_blind(blind, period),
+    }
     contacts = [(row, contact) for row in shown for contact in row.played.contacts]
     if contacts:
-        parts += ["## Contacts", ""]
-    for row, contact in contacts[:MOST_LISTED]:
-        assert row.setting is not None, "those that are shown nobody are left out"
-        parts.append(
-            f"- {row.arm}, {row.speed:g} rad/s, {row.recording}, place {row.placement}, seed "
-            f"{row.seed}, {row.setting.bounds}, samples {milliseconds(row.setting.camera)} old: "
-            f"{contact.body} after {contact.since:.3f} s; {contact.broken or 'no premise broken'}"
-        )
-    return "\n".join(parts).rstrip() + "\n"
+        tables["contacts"] = _table_of_contacts(contacts)
+    return head.rstrip() + "\n", tables
 
 
 def _find_lost(rows: list[Row]) -> float:
@@ -105,6 +94,7 @@ def _group(rows: list[Row], key: Callable[[Row], tuple[object, ...]]) -> list[li
 
 
 def _table(rows: list[Row], period: float) -> list[str]:
+    """By setting. Distances end at `scene.simulated_arm.NEAR`; rests and stops are a minute."""
     heads = [
         "arm", "speed", "people", "sample age", "minutes", "contacts", "premise broken",
         "least distance", "steps beyond", "error ÷ stated", "work lost", "rests",
@@ -148,6 +138,24 @@ def _table_of_blind(rows: list[Row], period: float) -> list[str]:
                 f"up to {1e3 * np.max(first.following.position):.1f} mrad",
                 f"up to {1e3 * np.max(first.following.velocity):.0f} mrad/s",
                 f"{max(row.share for row in some):.2f}",
+            ]
+        )  # fmt: skip
+    return make_table(heads, lines)
+
+
+def _table_of_contacts(contacts: list[tuple[Row, Contact]]) -> list[str]:
+    heads = [
+        "arm", "speed", "recording", "place", "seed", "people", "sample age", "body", "after",
+        "premise broken",
+    ]  # fmt: skip
+    lines = []
+    for row, contact in contacts:
+        assert row.setting is not None, "those that are shown nobody are left out"
+        lines.append(
+            [
+                row.arm, f"{row.speed:g} rad/s", row.recording, str(row.placement), str(row.seed),
+                row.setting.bounds, milliseconds(row.setting.camera), contact.body,
+                f"{contact.since:.3f} s", contact.broken or "none",
             ]
         )  # fmt: skip
     return make_table(heads, lines)

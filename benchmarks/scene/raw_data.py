@@ -30,14 +30,12 @@ TETHERS = {
 }
 """Rules by how the person's limbs are tied to each other."""
 
-CAUSES = (
-    "What operating limits stop for, data as they come: the first fault without which the level"
-    " would be higher. **Plain**: no fault."
-)
-
 
 def write_causes(results: Results, scope: Scope) -> list[str]:
-    """By setting and tethers, and in the usual one and that nearest to a real cell by place."""
+    """What operating limits stop for: the first fault without which the level would be higher.
+
+    By setting and tethers, and in the usual one and that nearest to a real cell by place.
+    """
     rows = []
     for setting in _settings(scope):
         for tethers, rule in TETHERS.items():

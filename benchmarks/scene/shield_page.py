@@ -1,4 +1,4 @@
-"""The page on what a shield gets done: tables of what was found."""
+"""The page on what a shield gets done, and tables of all that was found."""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ RATE = 100.0
 """Of ticks, in [Hz]."""
 
 SHIELD, LIMITED = "shield, 30 ms ahead", "shield, contact limits"
+
+SHOWN = (
+    "obeys the scale", "separation distance", SHIELD, LIMITED,
+    "failsafe motions, guaranteed brakes", "failsafe motions, own brakes",
+)  # fmt: skip
+"""Of the table on the page; the CSV file has all."""
 
 
 class Outcome(NamedTuple):
@@ -90,8 +96,10 @@ class Rows:
         return sum(counts) * 60.0 * RATE / ticks
 
 
-def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) -> str:
-    """The page, in Markdown.
+def write_page(
+    rows: list[Row], prices: np.ndarray, command: str, machine: str
+) -> tuple[str, dict[str, list[str]]]:
+    """The page in Markdown, and tables by the names of their files.
 
     Args:
         rows: All that was found.
@@ -114,10 +122,9 @@ def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) 
             machine=machine,
         )
     ]  # fmt: skip
+    told, limits = _limits(found)
     parts += [f"## {usual.bounds}, samples {milliseconds(usual.camera)} old", "", *_short(found)]
-    text = "Rests, hardest stops and reversals (of 5 % of the top speed or more) are a minute."
-    text += " Beyond: with bodies that had broken their bounds."
-    parts += ["", "## All settings", "", text]
+    parts += ["", told]
     heads = ["bounds on people", "sample age", "reaction", "how the arm is moved"]
     for speed in found.speeds:
         heads += [f"work lost, {speed:g} rad/s", "rests", "hardest stops", "reversals"]
@@ -127,8 +134,8 @@ def write_page(rows: list[Row], prices: np.ndarray, command: str, machine: str) 
         for setting in found.settings
         for row in _rows(found, setting)
     ]
-    parts += ["", *make_table(heads, every), "", *_limits(found)]
-    return "\n".join(parts).rstrip() + "\n"
+    tables = {"all-settings": make_table(heads, every), "with-contact-limits": limits}
+    return "\n".join(parts) + "\n", tables
 
 
 def _short(found: Rows) -> list[str]:
@@ -137,7 +144,7 @@ def _short(found: Rows) -> list[str]:
     for speed in found.speeds:
         heads += [f"work lost, {speed:g} rad/s", "hardest stops"]
     rows = []
-    for name in found.names:
+    for name in SHOWN:
         cells = [name]
         for speed in found.speeds:
             what = speed, name, found.settings[0]
@@ -148,7 +155,11 @@ def _short(found: Rows) -> list[str]:
 
 
 def _rows(found: Rows, setting: Setting) -> list[list[str]]:
-    """By how the arm is moved, what came of it in one setting."""
+    """By how the arm is moved, what came of it in one setting.
+
+    Counts of rests, hardest stops and reversals (of 5 % of the top speed or more) are a minute;
+    contacts beyond are with bodies that had broken their bounds.
+    """
     rows = []
     for name in found.names:
         cells = [name]
@@ -173,8 +184,11 @@ def _rows(found: Rows, setting: Setting) -> list[list[str]]:
     return rows
 
 
-def _limits(found: Rows) -> list[str]:
-    """What contact limits give a shield, where no body is inside the arm's cover."""
+def _limits(found: Rows) -> tuple[str, list[str]]:
+    """What contact limits give a shield, where no body is inside the arm's cover.
+
+    Told in words, and as a table.
+    """
     heads = ["people", "sample age", "reaction"]
     for speed in found.speeds:
         heads += [f"{speed:g} rad/s: lost without", "with", "rests without", "with"]
@@ -201,6 +215,5 @@ def _limits(found: Rows) -> list[str]:
         rows.append(cells)
     beyond = sum(touch.is_beyond for touch in promised)
     text = f"Shields with contact limits touched people {len(promised)} times in all settings,"
-    text += f" {beyond} times beyond a limit. Work lost and rests are of the time in which no body"
-    text += " is inside the arm's cover. Recorded bodies do not yield, as people may."
-    return ["## With contact limits", "", text, "", *make_table(heads, rows)]
+    text += f" {beyond} times beyond a limit. Recorded bodies do not yield."
+    return text, make_table(heads, rows)

@@ -1,4 +1,4 @@
-"""The page on how much an arm has to stop: tables of what was found, and how to read them."""
+"""The page on how much an arm has to stop, and tables of all that was found."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from scene.contestants import (
     Target,
 )
 from scene.headline import tell_share, write_costs, write_numbers, write_short_tables
-from scene.limited import RULES, find_aims, write_limits
-from scene.plays import RISE_DELAY, Judged, Obeyed
-from scene.raw_data import CAUSES, write_causes, write_missed_raw
+from scene.limited import RULES, find_aims, make_limit_tables
+from scene.plays import Judged, Obeyed
+from scene.raw_data import write_causes, write_missed_raw
 from scene.results import Aim, Found, Results, in_words, make_table, milliseconds, percent
 from scene.stop_rules import LATENCY, PERIOD, Setting
 
@@ -39,8 +39,8 @@ def write_page(
     rate: float,
     command: str,
     machine: str,
-) -> str:
-    """The page, in Markdown.
+) -> tuple[str, dict[str, list[str]]]:
+    """The page in Markdown, and tables by the names of their files.
 
     Args:
         found: All that was found.
@@ -62,29 +62,35 @@ def write_page(
         minutes=results.minutes(speed, SEPARATION, scope.usual),
         seeds=in_words(len({one.seed for one in judged}), "trajectory", "trajectories"),
         placements=in_words(len({one.placement for one in judged}), "place", "places"),
-        rules="; ".join(
-            f"**{rule.replace(AS_THEY_COME, '').capitalize()}**: {text}"
+        rules=".\n- ".join(
+            f"**{rule.capitalize()}**: {text}"
             for rule, text in DESCRIPTIONS.items() if rule in results.rules
         ),
-        command=command, machine=machine, oracle=ORACLE.capitalize(), least=LEAST.capitalize(),
-        separation=SEPARATION.capitalize(), rise=RISE_DELAY, extra=1e3 * (PERIOD + LATENCY),
+        command=command, machine=machine,
+        separation=SEPARATION.capitalize(), extra=1e3 * (PERIOD + LATENCY),
     )  # fmt: skip
-    parts = [head, *write_short_tables(results, scope)]
-    parts += _targets(results, scope, find_aims(limited, scope))
-    parts += write_limits(limited, scope)
-    parts += ["## Missed", "", _tell_missed(results), "", *_missed(results, scope), ""]
-    parts += [*write_missed_raw(results, scope), ""]
-    parts += ["## Every setting", "", *write_costs(results, scope), ""]
-    parts += ["## Rule by rule", "", *_shares(results, scope), ""]
-    parts += ["## Spread", "", *_spread(results, scope), ""]
-    parts += ["## Causes", "", CAUSES, "", *write_causes(results, scope), ""]
-    parts += _obeying(results, scope)
-    parts += _prices(Results(priced, rate), scope.usual)
-    return "\n".join(parts) + "\n"
+    aims = _find_aims(results, scope, find_aims(limited, scope))
+    price, prices = _prices(Results(priced, rate), scope.usual)
+    parts = [head, *write_short_tables(results, scope), "## Also found", ""]
+    parts += [_tell_missed(results), *_tell_aims(aims), *price]
+    parts += ["- **Not tested**: other arms, and people who react to the arm."]
+    tables = {
+        "what-was-aimed-at": _tabulate_aims(aims),
+        **make_limit_tables(limited, scope),
+        "missed": _missed(results, scope),
+        "missed-by-bounds": write_missed_raw(results, scope),
+        "every-setting": write_costs(results, scope),
+        "rule-by-rule": _shares(results, scope),
+        "spread": _spread(results, scope),
+        "causes": write_causes(results, scope),
+        "an-arm-that-obeys": _obeying(results, scope),
+        "price-of-a-tick": prices,
+    }
+    return "\n".join(parts) + "\n", tables
 
 
-def _targets(results: Results, scope: Scope, more: list[Aim]) -> list[str]:
-    """What was aimed at, and what came of it: over all recordings and by recording."""
+def _find_aims(results: Results, scope: Scope, more: list[Aim]) -> list[Aim]:
+    """What was aimed at, and what came of it."""
     aims = [
         _find_aim(results, target, speed, setting)
         for target in TARGETS
@@ -92,18 +98,24 @@ def _targets(results: Results, scope: Scope, more: list[Aim]) -> list[str]:
         if setting.reaction in target.reactions and setting.camera == scope.cameras[0]
         for speed in results.speeds
     ]
-    aims = [aim for aim in [*aims, *more] if np.isfinite(aim.found)]
-    lines = ["## What was aimed at", ""]
-    if aims:
-        worst = max(aims, key=lambda aim: aim.found / aim.most)
-        text = f"{sum(aim.is_met for aim in aims)} of {len(aims)} aims are met. The farthest:"
-        text += f" {worst.name}, {worst.setting.bounds}, {milliseconds(worst.setting.reaction)} of"
-        text += f" reaction, {worst.speed:g} rad/s: {worst.found:.2f}, aim {worst.most:g}"
-        lines += [f"{text} (by recording {worst.spread}).", ""]
-        heads = ["ratio of time in STOP", "bounds on people", "reaction", "speed", "at most"]
-        heads += ["found", "aim", "least possible", "by recording"]
-        lines += [*make_table(heads, [aim.list_cells() for aim in aims]), ""]
-    return lines
+    return [aim for aim in [*aims, *more] if np.isfinite(aim.found)]
+
+
+def _tell_aims(aims: list[Aim]) -> list[str]:
+    """How many are met, and the one that is missed the most."""
+    if not aims:
+        return []
+    worst = max(aims, key=lambda aim: aim.found / aim.most)
+    text = f"- **Aims**: {sum(aim.is_met for aim in aims)} of {len(aims)} are met. The farthest is"
+    text += f" {worst.name}, {worst.setting.bounds}, {milliseconds(worst.setting.reaction)} of"
+    return [f"{text} reaction, {worst.speed:g} rad/s: {worst.found:.2f} instead of {worst.most:g}."]
+
+
+def _tabulate_aims(aims: list[Aim]) -> list[str]:
+    """Over all recordings and by recording."""
+    heads = ["ratio of time in STOP", "bounds on people", "reaction", "speed", "at most"]
+    heads += ["found", "aim", "least possible", "by recording"]
+    return make_table(heads, [aim.list_cells() for aim in aims])
 
 
 def _find_aim(results: Results, target: Target, speed: float, setting: Setting) -> Aim:
@@ -131,9 +143,8 @@ def _shares(results: Results, scope: Scope) -> list[str]:
         [rule, *(tell_share(results, speed, rule, SEPARATION, x) for speed, x in columns)]
         for rule in results.rules
     ]
-    text = f"Time in STOP: {usual.bounds}, samples {milliseconds(usual.camera)} old."
     heads = ["rule", *(f"{speed:g} rad/s, {milliseconds(x.reaction)}" for speed, x in columns)]
-    return [text, "", *make_table(heads, rows)]
+    return make_table(heads, rows)
 
 
 def _spread(results: Results, scope: Scope) -> list[str]:
@@ -151,13 +162,12 @@ def _spread(results: Results, scope: Scope) -> list[str]:
                 rows.append([*first, *map(percent, each)])
     heads = ["speed", "bounds on people", "age of samples", "rule", *recordings]
     heads += [f"place {place + 1}" for place in places]
-    text = f"Time in STOP, {milliseconds(scope.reactions[0])} of reaction."
-    return [text, "", *make_table(heads, rows)]
+    return make_table(heads, rows)
 
 
 def _obeying(results: Results, scope: Scope) -> list[str]:
     """What obeying costs beside clean data, with and without the scale."""
-    rows, costs = [], []
+    rows = []
     for reaction in scope.extremes:
         setting = scope.usual._replace(reaction=reaction)
         for speed in results.speeds:
@@ -166,10 +176,6 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
                     continue
                 ways = [(speed, rule, setting, how) for how in ("obeys", "obeys the scale")]
                 ways = [what for what in ways if results.of(*what)]
-                # As exact as they are printed.
-                costs.append([
-                    (round(results.lost(*what), 3), round(results.stops(*what), 1)) for what in ways
-                ])  # fmt: skip
                 rows += [
                     [
                         f"{speed:g} rad/s", milliseconds(reaction), rule, what[3],
@@ -181,15 +187,11 @@ def _obeying(results: Results, scope: Scope) -> list[str]:
                     ]
                     for what in ways
                 ]  # fmt: skip
-    pairs = [pair for pair in costs if len(pair) == 2]
-    worse = sum(any(b > a for a, b in zip(*pair, strict=True)) for pair in pairs)
-    text = f"Obeying the scale lost more work or stopped more often in {worse} of {len(pairs)}"
-    text += " cases; it was to do neither."
     heads = [
         "speed", "reaction", "rule", "how", "in STOP", "stops a minute", "work lost", "missed",
         "hidden", "beyond", "contacts of an arm that obeys nobody",
     ]  # fmt: skip
-    return ["## An arm that obeys", "", text, "", *make_table(heads, rows), ""] if rows else []
+    return make_table(heads, rows)
 
 
 def _tell_missed(results: Results) -> str:
@@ -198,17 +200,16 @@ def _tell_missed(results: Results) -> str:
         one for one in results.found if not one.rule.startswith((ORACLE, SEPARATION, LEAST))
     ]
     ticks, contacts = (
-        [
-            sum(getattr(one.outcome, field) for one in monitors if isinstance(one.outcome, kind))
-            for field in ("missed", "hidden", "beyond")
-        ]
+        sum(
+            one.outcome.missed + one.outcome.hidden + one.outcome.beyond
+            for one in monitors
+            if isinstance(one.outcome, kind)
+        )
         for kind in (Judged, Obeyed)
     )
-    hits = ", ".join(f"{results.hits(x)} contacts at {x:g} rad/s" for x in results.speeds)
-    text = f"In all settings monitors missed {ticks[0]} ticks and {contacts[0]} contacts; with"
-    text += f" hidden bodies {ticks[1]} and {contacts[1]}, beyond {ticks[2]} and {contacts[2]}. Of"
-    text += " pieces only contacts count. An arm that obeys nobody has"
-    return f"{text} {hits}."
+    hits = " and ".join(f"{results.hits(x)} contacts at {x:g} rad/s" for x in results.speeds)
+    text = f"- **Missed**: in all settings, monitors missed {ticks} ticks and {contacts} contacts."
+    return f"{text} An arm that ignores verdicts has {hits}."
 
 
 def _missed(results: Results, scope: Scope) -> list[str]:
@@ -230,8 +231,8 @@ def _missed(results: Results, scope: Scope) -> list[str]:
     return make_table(heads, rows)
 
 
-def _prices(results: Results, setting: Setting) -> list[str]:
-    """What a tick of each rule costs, in this very run."""
+def _prices(results: Results, setting: Setting) -> tuple[list[str], list[str]]:
+    """What a tick of each rule costs, in this very run: told, and as a table."""
     rows = []
     for rule in results.rules:
         cells = []
@@ -244,10 +245,11 @@ def _prices(results: Results, setting: Setting) -> list[str]:
     heads = ["rule"]
     for speed in results.speeds:
         heads += [f"{speed:g} rad/s: median [µs]", "99th percentile [µs]"]
-    text = "At 1 kHz, beside one person within reach; of monitors with kinematics."
+    told = []
     main = next((row for row in rows if row[0] == OPERATING), None)
     if main is not None:
         speeds = zip(results.speeds, main[1::2], main[2::2], strict=True)
         each = ", ".join(f"{x:g} rad/s {median} µs and {most} µs" for x, median, most in speeds)
-        text += f" With {OPERATING}, median and 99th percentile: {each}."
-    return ["## Price of a tick", "", text, "", *make_table(heads, rows)]
+        text = f"- **A tick** with {OPERATING} at 1 kHz, median and 99th percentile: {each}."
+        told = [text]
+    return told, make_table(heads, rows)

@@ -14,7 +14,8 @@ def test_a_short_run(load, recordings, tmp_path):
     page = tmp_path / "page.md"
     short = "--speeds 0.8 --reactions 0.02 --ages 0 --seconds 1 --placements 1 --recordings 1"
     found = load("bench_shield").main([*short.split(), "--out", str(page)])
-    text = page.read_text(encoding="utf-8")
+    tables = sorted((tmp_path / "page").iterdir())
+    text = "".join(one.read_text(encoding="utf-8") for one in (page, *tables))
     assert {row.setting.bounds for row in found} == {"10 m/s², 2 m/s", "by body part"}
     for row in found:
         assert row.name in text

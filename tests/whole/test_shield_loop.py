@@ -134,4 +134,6 @@ def test_a_short_run(benchmark, monkeypatch, tmp_path, capsys):
     # What was found already is not played again.
     monkeypatch.setattr(benchmark, "play_case", None)
     assert len(benchmark.main(arguments)) == len(rows)
-    assert text in capsys.readouterr().out
+    told, tables = text.split("\nAll figures: ")
+    assert told in capsys.readouterr().out
+    assert "shown-nobody.csv" in tables

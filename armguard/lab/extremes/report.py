@@ -45,7 +45,7 @@ HEAD = """# At the extremes
 
 ![Contact time falls while a ball approaches; when it reaches the stop time the level is STOP](pictures/levels.svg)
 
-Each case has a quantity far from everyday numbers. A case is *sound* if no contact time is later than a contact that is possible. Single evaluations are compared with exact rational arithmetic. Whole ticks are compared with an adversary: an arm and a ball that run at each other within their bounds. *Tight* is the contact time over that contact. The adversary is not the best one, and knows the true surface, not the cover, so a lower figure does not prove that an answer is loose. *Price* is processor time, of a tick after the first. *Refused* is by an error or a STOP. `{command}` made this page. {facts}.
+Each case has a quantity far from everyday numbers. A case is *sound* if no contact time is later than a contact that is possible. Single evaluations are compared with exact rational arithmetic. Whole ticks are compared with an adversary: an arm and a ball that run at each other within their bounds. *Tight* is the contact time over that contact. The adversary is not the best one, so a lower figure does not prove that an answer is loose. *Refused* is by an error or a STOP. `{command}` made this page. {facts}.
 """  # noqa: E501  # a paragraph of Markdown is one line
 
 
@@ -77,16 +77,10 @@ def write_page(
     )  # fmt: skip
     if not is_whole:
         text += "\nInterrupted: what is missing had not begun.\n"
-    refused = [line for line in lines if line.outcome == REFUSED]
-    if refused:
-        rows = [[line.group, line.case, line.note.partition(" (")[0]] for line in refused]
-        text += "\n## Refused\n\n" + _tabulate(("group", "case", "reason"), rows, (0, 1, 2))
-    heads = ("group", "cases", "sound", "tight at worst", "price, µs")
-    for title, some in (("Single evaluations", evaluations), ("Whole ticks", ticks)):
-        if some:
-            groups = dict.fromkeys(line.group for line in some)
-            rows = [_sum_up([line for line in some if line.group == group]) for group in groups]
-            text += f"\n## {title}\n\n" + _tabulate(heads, rows)
+    if ticks:
+        groups = dict.fromkeys(line.group for line in ticks)
+        rows = [_sum_up([line for line in ticks if line.group == group]) for group in groups]
+        text += "\n" + _tabulate(("whole ticks", "cases", "sound", "tight at worst"), rows)
     if table:
         return f"{text}\n[{table}]({table}) has all cases.\n"
     return f"{text}\n## All cases\n\n" + _tabulate(HEADS, list_rows(lines), (0, 1, 2, 6))
@@ -111,7 +105,7 @@ def _sum_up(lines: list[Line]) -> list[str]:
     """The row of a group."""
     sound = sum(line.outcome == SOUND for line in lines)
     least = _share(_find_least(lines))
-    return [lines[0].group, f"{len(lines)}", f"{sound}", least, _price(lines)]
+    return [lines[0].group, f"{len(lines)}", f"{sound}", least]
 
 
 def _find_least(lines: Iterable[Line]) -> float:

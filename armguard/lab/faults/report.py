@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from armguard.lab.faults.campaign import PATIENCE, CampaignReport
+from armguard.lab.faults.campaign import CampaignReport
 from armguard.lab.faults.outcome import Outcome
-from armguard.lab.faults.scene import JOINT_TIMEOUT, LATENCY, SOURCE_TIMEOUT
 from armguard.lab.pages import write_table
 from armguard.lab.study_facts import list_facts
 from armguard.streams.faults import quote
@@ -28,16 +26,7 @@ COLUMNS = (
     "contacts",
 )
 
-GROUP_COLUMNS = (
-    "fault",
-    "number",
-    "to be detected",
-    "detected at most [ms]",
-    "verdicts",
-    "recovered at most [ms]",
-    "closest [mm]",
-    "contacts",
-)
+GROUP_COLUMNS = ("fault", "number", "detected at most [ms]", "contacts")
 
 GROUPS = {
     "set": "values not finite",
@@ -119,12 +108,8 @@ def write_page(report: CampaignReport, table: str) -> str:
         count=len(report.outcomes),
         minutes=f"{report.duration / 60.0:.1f}",
         machine="; ".join(list_facts().values()),
-        latency=1e3 * LATENCY,
-        joint_timeout=1e3 * JOINT_TIMEOUT,
-        source_timeout=1e3 * SOURCE_TIMEOUT,
         groups="\n".join(write_table(GROUP_COLUMNS, map(_sum_up, groups))),
         replays="\n".join(replays),
-        patience=PATIENCE,
         table=table,
     )
 
@@ -136,17 +121,11 @@ def _name_group(outcome: Outcome) -> str:
 
 def _sum_up(outcomes: list[Outcome]) -> list[str]:
     """The row of a group."""
-    tried = [one for one in outcomes if one.was_tried]
-    needed = [one for one in tried if one.fault.signs]
-    distance = min((one.obeying.distance for one in tried), default=math.inf)
+    needed = [one for one in outcomes if one.was_tried and one.fault.signs]
     return [
         _name_group(outcomes[0]),
         f"{len(outcomes)}",
-        f"{len(needed)}",
         _tell_most([one.detected for one in needed]),
-        ", ".join(f"{n} {level}" for level, n in Counter(x.level for x in needed).most_common()),
-        _tell_most([one.recovered for one in tried]),
-        f"{1e3 * distance:.0f}" if math.isfinite(distance) else "stood",
         f"{sum(one.obeying.contacts for one in outcomes)}",
     ]
 

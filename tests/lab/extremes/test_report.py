@@ -17,14 +17,11 @@ def test_each_case_has_a_row():
     assert "`armguard extremes` made this page. Seed: 0.\n" in page
 
 
-def test_a_page_with_a_file_of_cases_has_a_row_a_group_and_what_was_refused():
+def test_a_page_with_a_file_of_cases_has_a_row_for_each_group_of_ticks():
     page = write_page(LINES, "armguard extremes", ["Seed: 0"], table="page.csv")
     assert "[page.csv](page.csv)" in page
-    assert "| radius | 2 m | because &#124; of that |" in page
-    evaluations, ticks = page.split("## Single evaluations")[1].split("## Whole ticks")
-    assert "| radius | 1 | 1 | 0.500 | 0.123 |" in evaluations
-    assert "| radius | 1 | 0 | – | – |" in ticks
-    assert "| rate | 1 | 1 | 1.000 | 1.23e+04 |" in ticks
+    rows = [line for line in page.splitlines() if line.startswith("| ")]
+    assert rows[1:] == ["| radius | 1 | 0 | – |", "| rate | 1 | 1 | 1.000 |"]
 
 
 def test_the_summary_counts_and_names_what_is_unsound():
