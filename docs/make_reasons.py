@@ -12,7 +12,7 @@ HEAD = """# Reasons
 
 <!-- written by docs/make_reasons.py from armguard.ReasonKind: change it there -->
 
-Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting a STOP](troubleshooting.md).
+Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting](troubleshooting.md).
 """
 
 RESET = " Then reset."
