@@ -247,7 +247,7 @@ def write_table(table: type, shown: dict[str, str]) -> str:
         rows.append(f"- `{field.name}`{f' ({value})' if value else ''}: {meaning}")
     shown.update(owners)
     if elsewhere:
-        words += f" It has the keys and tables of {' and '.join(elsewhere)} too."
+        words += f" It also has the keys of {' and '.join(elsewhere)}."
     return "\n".join([f"## {heading}", "", words, "", *rows, ""])
 
 
