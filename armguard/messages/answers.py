@@ -72,7 +72,7 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     link: str | None
     """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of that pair"""
+    """obstacle of the deciding pair"""
     complete: bool
     """whether every pair was judged"""
     evaluated: int
@@ -111,7 +111,7 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     link: str | None
     """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of that pair"""
+    """obstacle of the deciding pair"""
     reasons: list[ReasonMessage]
     """why it may not"""
 

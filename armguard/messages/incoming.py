@@ -153,7 +153,7 @@ class PlanMessage(Message, tag="plan"):
     ask: Literal["commit", "share"]
     """what the plan is for"""
     number: Number
-    """number, unique among all senders"""
+    """unique among all senders"""
     stamp: float
     """time of the first sample, [s]"""
     names: list[str]
@@ -187,7 +187,7 @@ class GoalMessage(Message, tag="goal"):
     """What a shield is to do from now on, in place of what it was asked before."""
 
     number: Number
-    """number, unique among all senders"""
+    """unique among all senders"""
     until: float
     """time until which the goal can be accepted, and a velocity counts, [s]"""
     names: list[str]
@@ -219,7 +219,7 @@ class IgnoreMessage(Message, tag="ignore"):
     """Asks that contact be wanted for the time being; only with the token of the run."""
 
     number: Number
-    """number, unique among all senders"""
+    """unique among all senders"""
     token: str
     """token of `armguard run --reset-token`"""
     link: str
@@ -253,7 +253,7 @@ class ResetMessage(Message, tag="reset"):
     arm: str = ""
     """name of the arm"""
     number: Number | None = None
-    """number, unique among all senders; left out: no answer"""
+    """unique among all senders; left out: no answer"""
 
 
 class Header(msgspec.Struct):
