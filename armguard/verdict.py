@@ -61,8 +61,7 @@ class ReasonKind(enum.Enum):
     CONTACT = (
         "contact possible",
         Effect.NOTE,
-        "Do nothing: this pair decides the level. `monitor.explain()` and `armguard replay "
-        "--explain` say more.",
+        "Do nothing: this pair decides the level. `monitor.explain()` says more.",
     )
     CONTACT_ALLOWED = (
         "contact allowed",
@@ -72,8 +71,8 @@ class ReasonKind(enum.Enum):
     CONTACT_FORBIDDEN = (
         "contact not permitted",
         Effect.NOTE,
-        "Keep the arm slower there, or state the region. Where a part can be clamped, give more "
-        "room, or `force` and `stiffness` (docs/contact_limits.md).",
+        "Keep the arm slower there, or state the region and, for clamping, `force` and "
+        "`stiffness` (docs/contact_limits.md).",
     )
     LATE_DATA = (
         "late data",
@@ -84,19 +83,17 @@ class ReasonKind(enum.Enum):
     LATE_DATA_UNKNOWN = (
         "late data, effect unknown",
         Effect.NOTE,
-        "Find what delayed the source or the joint states. Too much was near to compute the level "
-        "without it.",
+        "Find what delayed the source or the joint states.",
     )
     WIDENED_BOUNDS = (
         "bounds widened",
         Effect.NOTE,
-        "Nothing came near. State bounds that the body keeps, or correct jumps of its samples.",
+        "Nothing came near. State bounds that the body keeps.",
     )
     REFUSED_ALTERNATIVE = (
         "refused sample counts",
         Effect.NOTE,
-        "Nothing came near; the refused sample can be true. Look for swapped ids and jumps in "
-        "perception.",
+        "Nothing came near. Look for swapped ids and jumps in perception.",
     )
     HIDDEN = (
         "body hidden",
@@ -116,7 +113,7 @@ class ReasonKind(enum.Enum):
     NOT_YET_COMPLETE = (
         "not everything evaluated yet",
         Effect.NOTE,
-        "Wait for a joint state, or check the address that the controller publishes to.",
+        "Wait for a joint state, or check the controller's address.",
     )
     REMOVAL_IGNORED = (
         "removal ignored",
@@ -136,18 +133,17 @@ class ReasonKind(enum.Enum):
     PLAN_REFUSED = (
         "plan refused",
         Effect.NOTE,
-        "Correct what the detail names, and send it again. The previous plan still counts.",
+        "Correct what the detail names. The previous plan still counts.",
     )
     PLAN_UNSAFE = (
         "plan unsafe",
         Effect.NOTE,
-        "Finish the previous piece; send a shorter, slower or different one.",
+        "Finish the previous piece, and send a different one.",
     )
     PLAN_VOID = (
         "plan not followed any more",
         Effect.NOTE,
-        "Send a plan that begins where the arm is, with true tracking errors, or restore the lost "
-        "premise.",
+        "Send a plan that begins where the arm is, with true tracking errors.",
     )
     PIECE_UNSAFE = (
         "committed piece not safe any more",
@@ -172,19 +168,17 @@ class ReasonKind(enum.Enum):
     POINTS_DROPPED = (
         "points of a cloud dropped",
         Effect.NOTE,
-        "Do not send rays that hit nothing; check the camera if they hit something.",
+        "Do not send rays that hit nothing, or check the camera.",
     )
     BOUND_BROKEN = (
         "obstacle broke its bounds",
         Effect.NOTE,
-        "State bounds that the body keeps, in the message, in `[bounds.of]`, or by "
-        "`armguard.people`.",
+        "State bounds that the body keeps: in the message, or in `[bounds.of]`.",
     )
     TETHER_BROKEN = (
         "tether broken",
         Effect.NOTE,
-        "State a length that both keep, or look for swapped ids and jumps (docs/obstacles.md). It "
-        "counts again later.",
+        "State a length that both keep, or look for swapped ids (docs/obstacles.md).",
     )
     ERRORS_EXCEEDED = (
         "errors larger than stated",
@@ -199,18 +193,17 @@ class ReasonKind(enum.Enum):
     SOURCE_SILENT = (
         "source silent",
         Effect.STANDING,
-        "Start the source; it must send empty messages too. `required = false` is for one that "
-        "may never start.",
+        "Start the source; it must send empty messages too.",
     )
     STAMP_AHEAD = (
         "stamp ahead of the clock",
         Effect.STANDING,
-        "Let the source stamp by its clock of the cell file, and synchronise that.",
+        "Check the source's clock, and the `clock` that the cell file states.",
     )
     OBSTACLE_NOT_BELIEVED = (
         "obstacle not believed",
         Effect.STANDING,
-        "See the detail: refused, with `on_refusal` for STOP, or too late.",
+        "See the detail: the sample was refused, or came too late.",
     )
     SOURCE_NOT_BELIEVED = (
         "source not believed",
@@ -225,8 +218,7 @@ class ReasonKind(enum.Enum):
     OTHER_ARM_BROKE = (
         "other arm broke its limits",
         Effect.STANDING,
-        "Let its controller keep its limits and plans, or correct them. Its hardware limits count "
-        "for 2 s.",
+        "Let its controller keep its limits and plans, or correct them.",
     )
     OVERDUE = (
         "pair overdue",
@@ -246,19 +238,17 @@ class ReasonKind(enum.Enum):
     PAIR_WATCHED = (
         "exempt pair watched again",
         Effect.NOTE,
-        "Unless the exemption is over, give more time, or a zone that holds the obstacle until "
-        "rest.",
+        "Unless the exemption is over, give more time or a larger zone.",
     )
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person draws back, or commit a piece that recedes from the person.",
+        "Wait until the person draws back, or commit a piece that recedes.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
         Effect.STANDING,
-        "Check what the arm touched, and the tracking errors. It ends once joints keep their "
-        "limits.",
+        "Check what the arm touched, and the tracking errors.",
     )
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
@@ -268,7 +258,7 @@ class ReasonKind(enum.Enum):
     BRAKES_NOT_COVERED = (
         "brakes not stated for such speeds",
         Effect.STANDING,
-        "Keep the joint slower, state operating limits, or state brakes for it in robot.toml.",
+        "Keep the joint slower, or state brakes for its speed in robot.toml.",
     )
     OPERATING_LIMITS_BROKEN = (
         "operating limits broken",
@@ -278,7 +268,7 @@ class ReasonKind(enum.Enum):
     ENDED = (
         "monitor has ended",
         Effect.STANDING,
-        "Start it again. Standard error or the service's journal has the cause.",
+        "Start it again. Standard error or the journal has the cause.",
     )
     JOINT_STATE_MALFORMED = (
         "joint state malformed",
@@ -293,8 +283,8 @@ class ReasonKind(enum.Enum):
     JOINT_STATE_JUMPED = (
         "joint state jumped",
         Effect.LATCHED,
-        "Check for lost or swapped states, units and stamps. A simulation with fixed steps must "
-        "stamp its nominal time. Then reset.",
+        "Check for lost or swapped states, units and stamps. A simulation must stamp its nominal "
+        "time. Then reset.",
     )
     TIME_INVALID = (
         "time not finite",

@@ -59,10 +59,7 @@ HEAD = f"""# Tested arms
 
     armguard robot new FILE.urdf --out DIR --yes --spheres {SPHERES}
 
-ran on every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/) that is an arm or has arms, without other options. With `--yes` much is CHOSEN or DERIVED: a row shows what armguard makes of a URDF, not that its description is right. Robots of more than {MOST_LINKS} links were described, not fitted (–), because each would take many minutes. At most {SPHERES} spheres a link keep the trial short; [Covers](covers.md) has covers of 20 mm.
-
-- *As drawn*: links whose drawn geometry serves as collision geometry.
-- Seconds are processor time on a shared machine: reading and describing; fitting, proving and loading. A link of an earlier row of the same run is not fitted again. The first fitted row may include compiling kernels.
+ran on every URDF of [example-robot-data](https://pypi.org/project/example-robot-data/) that has an arm, without other options. `--yes` takes CHOSEN or DERIVED values. So a name here shows that armguard can read the URDF, not that its limits are right. Robots of more than {MOST_LINKS} links were read only, because fitting takes many minutes. Legs, hands and drones alone were not tried. [arms.json](arms.json) has joints, links, spheres and times of each.
 """
 
 
@@ -128,28 +125,32 @@ def write_page(rows: dict[str, dict[str, Any]]) -> str:
     """The page, in Markdown."""
     loaded = {path: row for path, row in rows.items() if "refused" not in row}
     refused = {path: row for path, row in rows.items() if "refused" in row}
-    covered = sum("spheres" in row for row in loaded.values())
+    fitted = sorted(path for path, row in loaded.items() if "spheres" in row)
+    read = sorted(path for path in loaded if path not in fitted)
     parts = [
         HEAD,
-        f"## {len(loaded)} are read, {covered} of them fitted, proved and loaded\n",
-        "| URDF | joints | locked | links | as drawn | spheres | described [s] | fitted [s] |",
-        "|---|---|---|---|---|---|---|---|",
+        f"## {len(fitted)} were read, fitted, proved and loaded\n",
+        f"{list_names(fitted)}\n",
+        f"## {len(read)} were read\n",
+        f"{list_names(read)}\n",
+        f"## {len(refused)} were refused\n",
         *(
-            f"| `{path}` | {row['joints']} | {row['locked']} | {row['links']} | {row['drawn']} |"
-            f" {row.get('spheres', '–')} | {row['described']:.1f} | {row.get('fitted', '–')} |"
-            for path, row in sorted(loaded.items())
-        ),
-        f"\n## {len(refused)} are refused\n",
-        "| URDF | why |",
-        "|---|---|",
-        *(
-            f"| `{path}` | {row['refused'].replace('|', '/')} |"
+            f"- `{Path(path).stem}`: {shorten(row['refused'])}"
             for path, row in sorted(refused.items())
         ),
-        "\n## Not tried: no arms\n",
-        ", ".join(f"`{name}` ({why})" for name, why in sorted(WITHOUT_ARMS.items())) + ".",
     ]
     return "\n".join(parts) + "\n"
+
+
+def shorten(refusal: str) -> str:
+    """What is wrong, without the offender and the remedy."""
+    problem = refusal.split(": ")[1].partition(";")[0]
+    return f"{problem}.".replace("<robot>", "`<robot>`")
+
+
+def list_names(paths: list[str]) -> str:
+    """File names without their ending, in Markdown."""
+    return ", ".join(f"`{Path(path).stem}`" for path in paths) + "."
 
 
 def main() -> None:

@@ -31,17 +31,16 @@ HEAD = """# Cell file
 
 <!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings: change it there -->
 
-All keys of a `cell.toml`; [demos/cell.toml](../demos/cell.toml) shows them. The smallest one is
+All keys of a `cell.toml`; [demos/cell.toml](../demos/cell.toml) shows them. The smallest is
 
 ```toml
 robot = { name = "panda" }
 ```
 
-- Parentheses have range, unit and default. The first of several words is the default. Keys without a type are strings or, with a unit, numbers. Numbers without a range are at least 0; coordinates can be negative.
+- Parentheses have range, unit and default. The first of several words is the default. Keys without a type are strings or, with a unit, numbers. Numbers without a range are at least 0.
 - A file has `[robot]` or `[[robots]]`; all else is optional. Paths are relative to the file.
-- Without `[sources]`, the arm stands until a message comes; an empty `[sources]` states that none comes.
-- Unknown keys and wrong values are refused by file, key, value and what was expected. Only bounds on acceleration and speed can be infinite.
-- Python: `armguard.app.cell.Cell.load(path).build()` makes robot, obstacles and monitor.
+- Without `[sources]`, the level is STOP until a message comes; an empty `[sources]` states that none comes.
+- In Python: `armguard.app.cell.Cell.load(path).build()`.
 """
 
 CONFIGURED = {
@@ -196,6 +195,8 @@ def write_default(owner: str, field: msgspec.structs.FieldInfo) -> str:
 
 def _write_value(value: object) -> str:
     """A value as the page has it."""
+    if value in ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)) and isinstance(value, tuple):
+        return "none" if len(value) == 4 else "0"
     if isinstance(value, tuple):
         return f"`[{', '.join(f'{one:g}' for one in value)}]`"
     if isinstance(value, bool):
@@ -246,7 +247,7 @@ def write_table(table: type, shown: dict[str, str]) -> str:
         rows.append(f"- `{field.name}`{f' ({value})' if value else ''}: {meaning}")
     shown.update(owners)
     if elsewhere:
-        words += f" It has the keys and tables of {' and '.join(elsewhere)} too."
+        words += f" It also has the keys of {' and '.join(elsewhere)}."
     return "\n".join([f"## {heading}", "", words, "", *rows, ""])
 
 

@@ -28,49 +28,47 @@ hide: [toc]
 
 <!-- written by docs/make_hazards.py from docs/hazards.toml and the marks of tests: change it there -->
 
-What can go wrong in a monitored cell, what armguard does about it, and what remains for the integrator: an input for a risk assessment. Each cell has more hazards.
+An input for the risk assessment of a monitored cell; each cell has more hazards. armguard is **no certified safety device**. Nothing here claims conformity to a standard or a law.
 
-armguard is **no certified safety device**. Nothing here claims conformity of armguard, or of a cell, to a standard or a law.
-
-A test shows what armguard does under the premise, not that the premise holds in your cell. `pytest -k NAME` runs one; [tests.csv](hazards/tests.csv) has all.
+A test shows what armguard does under the premise, not that the premise holds in your cell ([all tests](hazards/tests.csv)).
 """
 
 STANDARDS = {
     "RiskAssessment": (
         "ISO 12100:2010",
-        "risk assessment and reduction; under revision",
+        "risk assessment and reduction",
         "this table; `armguard run --premises`",
         "the assessment itself",
     ),
     "Robots2025": (
         "ISO 10218-1:2025",
-        "industrial robots as machines, cybersecurity included",
-        "use of stated stopping times; measured ones (`armguard commission`)",
+        "industrial robots as machines",
+        "measured stopping times (`armguard commission`)",
         "functions of the robot and their performance",
     ),
     "Integration2025": (
         "ISO 10218-2:2025",
         "robot cells; it includes ISO/TS 15066",
-        "verdicts, contact limits, separation distance for comparison, recordings",
+        "verdicts, contact limits, recordings",
         "safety functions, measured force and pressure, validation",
     ),
     "Approach": (
         "ISO 13855:2024",
-        "distance of safeguards by approach speed and stopping time",
-        "walking speed for comparison; times from sample to rest",
-        "placement of protective devices; a camera for armguard is none",
+        "distance of safeguards by approach speed",
+        "separation distance for comparison",
+        "placement of protective devices",
     ),
     "ControlSystems": (
         "ISO 13849-1:2023",
-        "safety-related control, software included",
-        "premises, tested laws, repeatable verdicts, STOP on errors",
-        "a performance level: armguard has one channel on a general computer, and no assessed development",
+        "safety-related control",
+        "premises, tested laws, repeatable verdicts",
+        "a performance level: armguard has one channel and no assessed development",
     ),
     "MachineryRegulation": (
         "Regulation (EU) 2023/1230",
-        "EU law from 20 January 2027, amended in 2026. Annex III, 1.1.9: corruption, identifiable software, evidence of interventions. 1.2.1: logs of interventions and versions for five years; for self-evolving systems, safety decisions for one year",
-        "signed recordings with versions, configuration, inputs and verdicts (`--sign`, `--verify`, `--keep-days 1830`); armguard does not learn",
-        "Whether it is a safety component, conformity assessment, documentation, protection of computer and keys",
+        "EU law from 20 January 2027, amended in 2026: corruption, versions, logs for five years",
+        "signed recordings (`--sign`, `--verify`, `--keep-days 1830`)",
+        "Whether it is a safety component, and the assessment of conformity",
     ),
 }
 """By key of docs/references.md: edition, what it is about, what armguard contributes, and not."""
@@ -109,23 +107,24 @@ def write_page() -> str:
     rows = []
     for number, hazard in read_hazards().items():
         test = marks[number][0].split()[-1].replace("_", "_<wbr>")
-        cells = [hazard[name] for name in FIELDS]
-        rows.append(f"| {number}: {' | '.join([*cells[:4], f'<code>{test}</code>', cells[4]])} |")
+        title, cause, does, premise, remains = (hazard[name] for name in FIELDS)
+        what = f"**{number}: {title}**<br>{cause}"
+        rows.append(f"| {what} | {does}<br><code>{test}</code> | {premise} | {remains} |")
     standards = [
         f"| {edition} [[{key}](references.md)] | {about} | {contributes} | {left} |"
         for key, (edition, about, contributes, left) in STANDARDS.items()
     ]
     table = [
-        "| hazard | cause | armguard | premise | test | integrator |",
-        "|---|---|---|---|---|---|",
+        "| hazard and cause | what armguard does, and a test | premise | what remains |",
+        "|---|---|---|---|",
         *rows,
     ]
     law = [
         "## Standards and the law",
         "",
-        "In this project's words, as of November 2026; the texts count.",
+        "As of November 2026, in this project's words; the texts count.",
         "",
-        "| text | about | armguard contributes | it does not |",
+        "| text | about | armguard contributes | armguard does not |",
         "|---|---|---|---|",
         *standards,
     ]

@@ -12,7 +12,7 @@ HEAD = """# Reasons
 
 <!-- written by docs/make_reasons.py from armguard.ReasonKind: change it there -->
 
-Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting a STOP](troubleshooting.md).
+Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting](troubleshooting.md).
 """
 
 RESET = " Then reset."
@@ -23,11 +23,11 @@ SECTIONS = {
     ),
     Effect.LATCHED: (
         "STOP until a reset",
-        "Then `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` with the token of `armguard run --reset-token`.",
+        "Use `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` with the run's token.",
     ),
     Effect.NOTE: (
         "Notes",
-        "They stop nothing. A STOP with notes alone means that the deciding pair could touch before rest.",
+        "Notes stop nothing. A STOP with notes alone means that the deciding pair could touch before the arm is at rest.",
     ),
 }
 

@@ -41,24 +41,23 @@ HEAD = """# robot.toml
 
 <!-- written by docs/make_robot.py from armguard/robot/description.py and brakes.py: change it there -->
 
-A robot is a folder with `robot.toml` and the `cover.json` proved for it, as in `robots/`. `robot.toml` states limits that hold in every mode, braking, and the source of each figure.
+A robot is a folder with `robot.toml` and the [cover](covers.md) proved for it, as in `robots/`. `robot.toml` states limits that hold in every mode, braking, and the source of each figure.
 
 ## An arm of your own
 
     armguard robot new arm.urdf --out my_arm
 
-reads the URDF, asks for what it lacks, proves the cover and writes both files. The file can also be an [MJCF](mujoco.md), a path below `robots/` of example-robot-data, or a ROS parameter file with `robot_description`. Each question has an option; `--yes` takes values `DERIVED` from efforts and inertias, or `CHOSEN`. **Replace both by data of the maker.**
+reads the URDF or [MJCF](mujoco.md), asks for what it lacks, proves the cover and writes both files. Each question has an option; `--yes` takes values `DERIVED` from efforts and inertias, or `CHOSEN`. **Replace both by data of the maker.**
 
 - `--joint-limits joint_limits.yaml` reads MoveIt's limits as operating limits.
-- Meshes are found beside the URDF, above it, and in `--package-dirs`.
 - A moving link without collision geometry needs `--collision-from-visual LINK`, or `--bare-links LINK`, which leaves it unwatched.
 - Mimic joints, and those of `--travel`, can be anywhere in their range. `--lock JOINT=POSITION` is for joints that stand still; `--joints` chooses what is watched.
 
-Use the folder as a robot's name: `armguard.Robot.load("./my_arm")`, `armguard show my_arm`. [Tested arms](arms.md) lists examples.
+Use the folder as a robot's name: `armguard.Robot.load("./my_arm")`. [Tested arms](arms.md) lists examples.
 
 ## Keys
 
-Unknown keys, and limits that are missing, not finite or without a source, are refused by name.
+armguard refuses unknown keys, and limits that are missing, not finite or without a source. Parentheses have the type, and the default or *needed*; other keys are optional. Keys without a type are strings or, with a unit, numbers.
 """
 
 SECTIONS = (
@@ -75,9 +74,9 @@ SECTIONS = (
 
 AFTER = {
     "`[sources]`, and `sources` of a joint": "A source that begins with CHOSEN or DERIVED marks an unpublished figure.\n",
-    "`[[brakes]]`": "A row holds for the joints that it names, or for all. It needs `deceleration`, or `stopping_time` and `stopping_distance` (ISO 10218-1, annex B); the tighter proof counts. Between rows the higher one counts; a joint faster than any row is a STOP.\n",
-    "`[locked.NAME]`": "State one of both. With `travel`, links count as all that they can reach.\n",
-    "`[operating.published]`": 'For each joint. In force only with `operating = "published"` in a cell file, or `Monitor(operating="published")`; a state beyond is a STOP.\n',
+    "`[[brakes]]`": "A row holds for the joints that it names, or for all. It needs `deceleration`, or `stopping_time` and `stopping_distance` (ISO 10218-1, annex B). Between two rows, the one for the higher load or speed counts. A joint faster than any row is a STOP.\n",
+    "`[locked.NAME]`": "State one of the two. With `travel`, the links count as everything that they can reach.\n",
+    "`[operating.published]`": 'They are in force only with `operating = "published"` in a cell file or `Monitor`.\n',
 }
 
 TAIL = """## The smallest file
@@ -103,7 +102,7 @@ stopping_time = 0.5
 stopping_distance = 0.3
 ```
 
-`armguard cover arm.urdf --limits robot.toml --out .` makes the cover beside it.
+`armguard cover arm.urdf --limits robot.toml --out .` makes its cover.
 """
 
 
@@ -129,16 +128,20 @@ def read_keys(schema: type, module: ModuleType) -> list[tuple[str, str, str, str
     return keys
 
 
+def write_key(name: str, kind: str, default: str, text: str) -> str:
+    """A key as an item of a list; strings and numbers with a unit need no type."""
+    is_plain = kind == "string" or (kind == "number" and "[" in text)
+    notes = ["" if is_plain else kind, "" if default in ("none", "empty") else default]
+    told = ", ".join(filter(None, notes))
+    return f"- `{name}`{f' ({told})' if told else ''}: {text}"
+
+
 def write_page() -> str:
     """The page, in Markdown."""
     parts = [HEAD]
     for title, schema, module in SECTIONS:
-        rows = [
-            f"| `{name}` | {kind} | {default} | {text} |"
-            for name, kind, default, text in read_keys(schema, module)
-        ]
-        head = ["| key | type | default | meaning |", "|---|---|---|---|"]
-        parts.append("\n".join([f"### {title}\n", *head, *rows]) + "\n")
+        rows = [write_key(*key) for key in read_keys(schema, module)]
+        parts.append("\n".join([f"### {title}\n", *rows]) + "\n")
         if title in AFTER:
             parts.append(AFTER[title])
     return "\n".join([*parts, TAIL])

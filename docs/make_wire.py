@@ -15,7 +15,7 @@ from pathlib import Path
 
 from armguard.messages import answers, command, incoming, reasons
 from armguard.recording import events
-from armguard.streams import SourceLimits, addresses, goal_intake, inputs
+from armguard.streams import addresses, goal_intake
 
 PAGE = Path(__file__).resolve().parent / "wire.md"
 
@@ -25,8 +25,8 @@ TYPES = {
     "bool": "boolean",
     "int": "integer",
     "int | None": "integer or nil",
-    "Number": "count",
-    "Number | None": "count",
+    "Number": "integer",
+    "Number | None": "integer",
     "float": "number",
     "float | None": "number or nil",
     "list[str]": "strings",
@@ -35,7 +35,7 @@ TYPES = {
     "list[GoalPath] | None": "paths",
     "bytes | list[float]": "numbers",
     "bytes | list[float] | None": "numbers",
-    "Points": f"n points or hulls of up to {incoming.POINT_LIMIT}",
+    "Points": "n points or hulls",
     "Points | None": "as `position`",
     "Cloud": "rows",
     "tuple[float, float, float]": "point",
@@ -77,30 +77,30 @@ HEAD = f"""# The wire
 
 <!-- written by docs/make_wire.py from armguard/messages: change it there -->
 
-`armguard run` or `armguard shield` binds ZeroMQ SUB sockets for inputs and a PUB socket for outputs; others connect. Default addresses:
+`armguard run` and `armguard shield` bind ZeroMQ sockets: SUB for inputs, PUB for outputs. Other processes connect. Default addresses:
 
 - obstacles: `{addresses.OBSTACLES_ADDRESS}` (`--obstacles`)
 - joint states, plans, goals: `{addresses.JOINTS_ADDRESS}` (`--joints`)
 - verdicts, commands, answers: `{addresses.VERDICTS_ADDRESS}` (`--verdicts`)
 
-Each input takes every message; `--obstacles -` reads JSON lines from standard input. Addresses are `ipc://` or local TCP; others need [keys](keys.md), with CURVE on all sockets.
+Each input accepts every message; `--obstacles -` reads JSON lines from standard input. Addresses are `ipc://` or local TCP; others need [keys](keys.md).
 
-Nodes without armguard: [perception.py](nodes/perception.py), [controller.py](nodes/controller.py), [perception.cpp](nodes/perception.cpp), [lines.cpp](nodes/lines.cpp). Python has `armguard.streams.Publisher` and `VerdictReader`.
+Nodes without armguard: [perception.py](nodes/perception.py), [controller.py](nodes/controller.py), [perception.cpp](nodes/perception.cpp), [lines.cpp](nodes/lines.cpp). In Python, use `armguard.streams.Publisher` and `VerdictReader`.
 
 ## Messages
 
-A message is one part: a msgpack map or a JSON object. Outputs are msgpack, or JSON with `--json-verdicts`.
+A message has one part: a msgpack map or a JSON object. Its `type` names the message. armguard refuses unknown and missing fields by name. Outputs are msgpack, or JSON with `--json-verdicts`.
 
-- `type` names the message. Unknown and missing fields are refused by name. Optional fields can be nil (JSON: null) or absent; in outputs, nil is none or unknown.
-- Parentheses have type, unit and default. Without a type, fields are strings or, with a unit, numbers; counts are from 0 to 2⁶³ − 1. Joint values follow `names`. Bounds, radii and errors can be lists.
-- In msgpack, number arrays can be little-endian float64 in a `bin`, row by row, as in commands.
-- Outputs can have NaN (JSON: null) and infinity (JSON: {answers.GREATEST!r}). A STOP counts whatever its numbers are. A NaN `valid_until` has expired; a NaN `speed_scale` is 0. Inputs can have infinite bounds in msgpack.
-- Times of outputs are of the monotonic clock (`CLOCK_MONOTONIC`, `time.monotonic()`, `std::chrono::steady_clock`); a `…_time` counts from the tick. Times of inputs are of the source's clock or, from “Joint states” on, the joint states', as in the cell file.
-- Gaps in `seq` count as lost messages, steps back as a restart, two tracks as two senders; none is a STOP.
+- Parentheses have type, unit and default. A field without a type is a string or, with a unit, a number.
+- Optional fields can be nil (JSON: null) or absent. In outputs, nil means none or unknown.
+- Joint values are in the order of `names`. Bounds, radii and errors are one number, or one per obstacle or joint.
+- In msgpack, an array of numbers can be little-endian float64 in a `bin`, row by row. Commands use this form.
+- Numbers of outputs can be NaN (JSON: null) or infinite (JSON: {answers.GREATEST!r}). Obey a STOP whatever its numbers are. A NaN `valid_until` has expired; a NaN `speed_scale` is 0.
+- Times of outputs are of the monotonic clock (`CLOCK_MONOTONIC`); a `…_time` counts from the tick. Times of obstacles, clouds and removals are of the source's clock. All other inputs use the clock of the joint states.
 
-Refused messages are counted and printed; verdicts say if obstacles may be missing. Default limits of a source: {SourceLimits().message_rate:g} messages per second of {SourceLimits().message_size} bytes, {SourceLimits().obstacles} obstacles, {SourceLimits().points} points per cloud; of an input: {inputs.CONNECTION_LIMIT} connections, strangers' included (use a firewall), {inputs.WAITING_BYTES // 2**20} MiB waiting each. A tick takes 64 messages of an input, fairly from all connections.
+armguard counts and prints refused messages. The [cell file](cell.md) has limits for each source.
 
-Shared fields:
+Several messages have these fields:
 """
 
 OBSTACLES = """## Obstacles
@@ -108,7 +108,7 @@ OBSTACLES = """## Obstacles
 `obstacles`: what a source saw.
 """
 
-AFTER_OBSTACLES = """Without `ids`, it is a heartbeat. Silence beyond `source_timeout` (0.2 s) of a source that has sent or is required is a STOP. Without `snapshot`, absent obstacles stay and grow with their bounds. Ids belong to their source. Hulls of a message have as many points.
+AFTER_OBSTACLES = """A message without `ids` is a heartbeat. If a required source, or one that has sent, is silent for longer than `source_timeout` (0.2 s), the level is STOP. Without `snapshot`, absent obstacles stay and grow with their bounds.
 
 ```json
 {"type": "obstacles", "source": "camera", "seq": 17, "stamp": 12.345, "ids": ["ball"],
@@ -122,7 +122,7 @@ CLOUD = """## Clouds
 `cloud`: a depth camera's points, if the cell file has `[clouds]` ([details](sensors.md)).
 """
 
-AFTER_CLOUD = """The nearest of the last thousand joint states, within `time_error` (5 ms), removes the arm's points; without it, the arm stops. Points that are not finite are dropped and counted. Ids such as `voxel 3 -2 14` are reserved.
+AFTER_CLOUD = """armguard removes the arm's points by a joint state within `time_error` (5 ms); without one, the arm stops.
 
 ```json
 {"type": "cloud", "source": "depth", "stamp": 12.345, "origin": [2.4,-1.2,1.3],
@@ -130,36 +130,34 @@ AFTER_CLOUD = """The nearest of the last thousand joint states, within `time_err
 ```
 """
 
-REMOVE = """`remove`: obstacles that left:
+REMOVE = """`remove` names obstacles that left:
 """
 
 JOINTS = """## Joint states
 
-`joints`, as often as possible, from one sender.
+`joints`: send it as often as possible, from one sender.
 """
 
-AFTER_JOINTS = """A gap longer than `joint_timeout` is a STOP until a reset; old states are dropped.
+AFTER_JOINTS = """A gap longer than `joint_timeout` is a STOP until a reset.
 """
 
 RESET = """## Reset
 
-`reset` (`armguard reset`) ends latched STOPs whose cause has gone, and forgets [what no message ends](obstacles.md#sources).
+`reset` (`armguard reset`) ends latched STOPs whose cause has gone, and forgets [what no message ends](obstacles.md#sources). It needs a run with `--reset-token`.
 """
 
-AFTER_RESET = """Only a run with `--reset-token` obeys. Several arms need `arm`. A `reset_verdict` answers after the tick's verdict, unless another arm is named or the client lacks the right:
+AFTER_RESET = """A `reset_verdict` answers after the tick's verdict:
 """
 
 IGNORE = """## Contact that is wanted
 
-`ignore` exempts pairs until a time, in a zone, or both ([Allowing contact](contact.md)). Clients need the right `joints`.
+`ignore` exempts pairs until a time, in a zone, or both ([Allowing contact](contact.md)).
 """
 
-WATCH = """`watch` ends it, without a token:
+WATCH = """`watch` ends an exemption, without a token:
 """
 
-AFTER_WATCH = """Verdicts answer by `pair_ignored` and `pair_watched`.
-
-```json
+AFTER_WATCH = """```json
 {"type": "ignore", "number": 1, "token": "TOKEN", "link": "panda_hand", "ids": "part*",
  "zone": [[0.4,-0.2,0.0],[0.8,-0.2,0.0],[0.4,0.2,0.0],[0.8,0.2,0.0],
           [0.4,-0.2,0.5],[0.8,-0.2,0.5],[0.4,0.2,0.5],[0.8,0.2,0.5]]}
@@ -169,24 +167,21 @@ AFTER_WATCH = """Verdicts answer by `pair_ignored` and `pair_watched`.
 
 VERDICT = """## Verdicts
 
-`verdict`, once per tick. The controller must obey the newest one, and brake without a valid one. A run ends with a STOP.
+`verdict`, once per tick. The controller must obey the newest verdict, and must brake when it has no valid one. A run ends with a STOP.
 """
 
 REASONS = """A reason ([all kinds](reasons.md)):
 """
 
-HELD = """A cause of a held level, from the tick that began it:
-"""
-
-CERTIFICATE = """A certificate:
+HELD = """Why a level is held (`held`):
 """
 
 PLANS = """## Plans
 
-`plan`: a motion to rest.
+`plan` shows a motion of the arm that ends at rest.
 """
 
-ANSWERS = """`"commit"` needs `motion = "planned"`. A `plan_verdict` answers in the same tick; only the newest plan is judged. The monitor then assumes that the arm follows it. Otherwise the controller follows its present piece to rest.
+ANSWERS = """`"commit"` asks whether the arm may run this piece of its path; it needs `motion = "planned"`. A `plan_verdict` answers in the same tick. If it is safe, the monitor assumes that the arm follows it. Otherwise the controller must follow its present piece to rest.
 """
 
 SHARING = """`"share"` promises other monitors that the arm follows the plan, perhaps late, or stops ([Several arms](several_arms.md#plans-that-are-shared)). It needs `until` and `velocity_tracking_error`, and has no answer.
@@ -194,13 +189,13 @@ SHARING = """`"share"` promises other monitors that the arm follows the plan, pe
 
 GOALS = """## Goals
 
-`goal`: what `armguard shield` must do ([Shield](shield.md#as-a-process)), by one of `paths`, `velocity` and `chunk`.
+`goal` tells `armguard shield` what to do ([Shield](shield.md#as-a-process)). It has exactly one of `paths`, `velocity` and `chunk`.
 """
 
 PATHS = """A path:
 """
 
-AFTER_GOALS = f"""A late or incorrect goal is refused, and named in commands; the one before continues. The newest of a tick counts. At most {goal_intake.MOST_PATHS} paths, with {goal_intake.MOST_SAMPLES} timed samples together or {goal_intake.MOST_WAYPOINTS} waypoints, or {goal_intake.MOST_POINTS} points of a chunk are accepted. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s: repeat it. Paths and chunks are followed to their ends.
+AFTER_GOALS = f"""Commands name a refused goal; the goal before it continues. A velocity counts for {goal_intake.LONGEST_VELOCITY:g} s: repeat it.
 
 ```json
 {{"type": "goal", "number": 5, "until": 13.0, "names": ["shoulder","elbow"],
@@ -211,30 +206,25 @@ AFTER_GOALS = f"""A late or incorrect goal is refused, and named in commands; th
 
 COMMANDS = """## Commands
 
-`command`, after each verdict of `armguard shield`: a proved motion to rest.
+`command`, after each verdict of `armguard shield`: a motion that is proved until the arm is at rest.
 """
 
-AFTER_COMMANDS = f"""Empty `times`: the arm's position is unknown. A controller follows a motion to its end, in any silence, and brakes by `stop`, not by verdicts. It changes to another one only by `take_up_by`, and only within {command.SAME_PLACE:g} rad or m and {command.SAME_VELOCITY:g} rad/s or m/s of the old one.
+AFTER_COMMANDS = f"""`times` is empty while the arm's position is unknown. A controller must follow its motion to the end, even if no newer command comes, and must brake by `stop`. It can change to a newer motion until `take_up_by`, if both are within {command.SAME_PLACE:g} rad or m and {command.SAME_VELOCITY:g} rad/s or m/s of each other.
 """
 
 RECORDED = f"""## In a recording
 
-A [recording](recording.md) is an MCAP file with these topics below `{events.PREFIX}`, as JSON with a schema for each. Messages and calls of an application are stored in the form of this page. `joint_state` also has `now`, the time of its tick. Times are of the monotonic clock, shifted to the time of day at which the recording began.
+A [recording](recording.md) is an MCAP file with these topics below `{events.PREFIX}`, as JSON: {{topics}}. `scene` shows arm and obstacles in viewers. Times are of the monotonic clock, shifted to the time of day at which the recording began.
 
-- Numbers are bit-exact. The strings `"Infinity"`, `"-Infinity"` and `"NaN"` stand for what JSON lacks, although schemas say `number`.
-- Lists of lists are written as one list, row by row. A list with one number holds for all rows. Fields that do not apply are absent.
-- Metadata `armguard` has format, part, versions, processor, and the [digest of the configuration](safety.md#which-configuration-it-was); `armguard.link` is behind each chunk. The attachments `settings.json` and `robot.json` are what the monitor was made with.
-- `scene` shows, ten times a second, the arm's spheres in the colour of the level, and the obstacles: `foxglove.SceneUpdate`.
+- Numbers are bit-exact. The strings `"Infinity"`, `"-Infinity"` and `"NaN"` stand for what JSON lacks.
+- Lists of lists are written as one list, row by row.
+- Metadata `armguard` has versions and the [digest of the configuration](safety.md#which-configuration-it-was).
 """
 
 
 def write_topics() -> str:
-    """What each topic of a recording holds, in Markdown."""
-    rows = ["| topic | message |", "|---|---|"]
-    for kind, topic in events.TOPICS.items():
-        (meaning, *_) = inspect.getdoc(kind).split("\n\n")
-        rows.append(f"| `{topic}` | {' '.join(meaning.split())} |")
-    return "\n".join(rows) + "\n"
+    """The topics of a recording, in Markdown."""
+    return ", ".join(f"`{topic}`" for topic in events.TOPICS.values())
 
 
 def read_fields(schema: type) -> list[tuple[str, str, str, str]]:
@@ -278,9 +268,9 @@ def write_field(field: tuple[str, str, str, str], is_input: bool) -> str:
     text = re.sub(r",? \[[^\]]+\](?!\()(?: or \[[^\]]+\])?", "", text)
     kind = kind.removesuffix(" or nil")
     kind = kind.removesuffix("number").replace("numbers", "list") if units else kind
-    unit = ", ".join(units)
+    unit = " or ".join(units)
     state = _write_default(default, text) if is_input else ""
-    notes = ", ".join(filter(None, (f"{'' if kind == 'string' else kind} {unit}".strip(), state)))
+    notes = ", ".join(filter(None, ("" if kind == "string" else kind, unit, state)))
     return f"- `{name}`{f' ({notes})' if notes else ''}: {text}"
 
 
@@ -324,8 +314,6 @@ def write_page() -> str:
         write_fields(reasons.ReasonMessage),
         HELD,
         write_fields(answers.HeldMessage),
-        CERTIFICATE,
-        write_fields(answers.CertificateMessage),
         PLANS,
         write_fields(incoming.PlanMessage),
         ANSWERS,
@@ -339,8 +327,7 @@ def write_page() -> str:
         COMMANDS,
         write_fields(command.CommandMessage),
         AFTER_COMMANDS,
-        RECORDED,
-        write_topics(),
+        RECORDED.format(topics=write_topics()),
     ]
     return "\n".join(parts)
 

@@ -43,22 +43,22 @@ class HeldMessage(msgspec.Struct):
     """Why a level is held below the level of the tick alone."""
 
     reason: ReasonMessage | None
-    """weightiest reason; nil: a reset"""
+    """weightiest reason then; nil: a reset"""
     contact_time: Figure
-    """contact time, or harm time with limits, [s]"""
+    """contact time then, or harm time with contact limits, [s]"""
     stop_time: Figure
-    """stop time, [s]"""
+    """stop time then, [s]"""
     since: Figure
-    """time of the tick, [s]"""
+    """time of the tick that lowered the level, [s]"""
     rises_at: Figure
-    """earliest rise of the level, [s]"""
+    """earliest time at which the level can rise, [s]"""
 
 
 class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """A `Verdict` on the wire: times on the machine's monotonic clock, the level by name."""
 
     stamp: Figure
-    """stamp of the joint state, [s]"""
+    """time of the joint state, [s]"""
     sequence: int
     """tick; 0: no joint state, or end"""
     level: str
@@ -66,35 +66,35 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     contact_time: Figure
     """earliest possible contact, [s]; infinite: none; 0: unknown"""
     stop_time: Figure
-    """time to rest after a STOP now, [s]; infinite: unknown"""
+    """time until rest, if the next verdict is a STOP, [s]; infinite: unknown"""
     speed_scale: Figure
-    """share of operating velocities, or else velocity limits, 0 to 1"""
+    """allowed share of the operating velocities, 0 to 1"""
     link: str | None
     """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of that pair"""
+    """obstacle of the deciding pair"""
     complete: bool
-    """a certificate or the stop decision covers every pair"""
+    """whether every pair was judged"""
     evaluated: int
-    """computed contact times"""
+    """number of computed contact times"""
     reasons: list[ReasonMessage]
-    """weightiest first"""
+    """the weightiest first"""
     valid_until: Figure
-    """brake then without a newer verdict, [s]"""
+    """time at which the verdict expires, [s]"""
     separation: float | None
-    """margin of the separation distance, [m]"""
+    """margin of the [separation distance](separation.md), [m]"""
     certificate: CertificateMessage | None
     """proof; `armguard run` sends none"""
     stop: Literal["finish", "brake"] | None
-    """run the committed piece to rest, or brake"""
+    """how to stop: run the committed piece to its end, or brake"""
     proved_until: float | None
-    """rest on a proved committed piece, [s]"""
+    """time of rest on the committed piece, if proved, [s]"""
     held: HeldMessage | None
     """why the level is below this tick's"""
     harm_time: Figure
-    """earliest contact that no limit permits, [s]; without limits `contact_time`; 0: unknown"""
+    """earliest contact that no contact limit permits, [s]; 0: unknown"""
     contact_speed: float | None
-    """greatest contact speed before rest, with limits, [m/s]; 0: no contact; infinite: unproved"""
+    """bound on the speed of contacts before rest, [m/s]; only with contact limits"""
     configuration: str | None
     """digest that `armguard run` prints"""
 
@@ -103,7 +103,7 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     """A `PlanVerdict` on the wire, with the number of the plan that it answers."""
 
     number: int
-    """of the plan"""
+    """number of the plan"""
     safe: bool
     """whether the arm may do it"""
     contact_time: Figure
@@ -111,18 +111,18 @@ class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
     link: str | None
     """link of the deciding pair"""
     obstacle: str | None
-    """obstacle of that pair"""
+    """obstacle of the deciding pair"""
     reasons: list[ReasonMessage]
-    """why not"""
+    """why it may not"""
 
 
 class ResetVerdictMessage(msgspec.Struct, tag_field="type", tag="reset_verdict"):
     """A `ResetVerdict` on the wire, with the number of the reset that it answers."""
 
     number: int
-    """of the reset"""
+    """number of the reset"""
     obeyed: bool
-    """latches were released; lasting causes latch again"""
+    """whether latches were released; lasting causes latch again"""
     problem: str
     """why it was refused, or empty"""
 

@@ -40,7 +40,7 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
     stamp: float
     """start of the motion, [s]"""
     take_up_by: float
-    """latest time to change to this motion, [s]"""
+    """latest time at which to change to this motion, [s]"""
     valid_until: float
     """end of the motion, at rest, [s]"""
     names: list[str]
@@ -50,27 +50,27 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
     q: Rows
     """positions, a row per time, [rad] or [m]"""
     v: Rows
-    """velocities, [rad/s] or [m/s]; cubic between samples"""
+    """velocities, [rad/s] or [m/s]; motion is cubic between samples"""
     a: Rows
     """accelerations, [rad/s²] or [m/s²]"""
     moving: bool
-    """the arm moves from now on"""
+    """whether the arm moves from now on"""
     scale: float
     """share of requested pace or velocities, 0 to 1"""
     progress: float
     """progress on the path, 0 to 1"""
     executed: int
-    """chunk points before the stop begins"""
+    """number of chunk points before the stop begins"""
     stop: Literal["finish", "brake"] | None
-    """`"brake"`: not proved any more; brake by other means if sooner"""
+    """`"brake"`: the motion is not proved any more"""
     reason: ReasonMessage | None
     """why it is slower than requested"""
     contact_speed: float | None
-    """greatest contact speed, with limits, [m/s]"""
+    """bound on the speed of contacts, [m/s]; only with contact limits"""
     goal: int | None
-    """newest accepted goal since start or reset"""
+    """number of the newest accepted goal"""
     refused: int | None
-    """newest refused goal"""
+    """number of the newest refused goal"""
     problem: str
     """why it was refused, or empty"""
 

@@ -72,31 +72,31 @@ class ObstaclesMessage(Message, tag="obstacles"):
     """States of obstacles as one source saw them at one time; without ids, a heartbeat."""
 
     ids: list[str]
-    """n names of obstacles"""
+    """names of n obstacles"""
     stamp: float
     """time of measurement, [s]"""
     source: str = "default"
-    """name of its only sender"""
+    """name of the source; each has one sender"""
     seq: int | None = None
-    """message of the sender, rising by 1"""
+    """number of the message, rising by 1"""
     frame: str = "world"
     """`world`, `base`, or one of `[frames]`"""
     snapshot: bool = False
-    """the source sees the whole cell: remove its other obstacles"""
+    """the source sees the whole cell: its other obstacles have left"""
     position: Points = []
-    """centres or hulls, [m]"""
+    """centres, or hulls of up to 8 points each, [m]"""
     velocity: Points | None = None
-    """their velocities, [m/s]; left out: any within bounds"""
+    """velocities, [m/s]; left out: any within the bounds"""
     radius: Values | None = None
-    """their radius, [m], at least 0; needed with ids"""
+    """radius around the points, [m]; needed with ids"""
     accel: Values | None = None
     """acceleration bound, [m/s²]; left out: the cell's"""
     speed: Values | None = None
     """speed bound, [m/s]; left out: the cell's"""
     position_error: Values = 0.0
-    """position error, [m]"""
+    """greatest error of positions, [m]"""
     velocity_error: Values = 0.0
-    """velocity error, [m/s]"""
+    """greatest error of velocities, [m/s]"""
     region: str | list[str] | None = None
     """[body region](contact_limits.md), `""`: none; left out: by id patterns"""
 
@@ -107,27 +107,27 @@ class CloudMessage(Message, tag="cloud"):
     stamp: float
     """time of measurement, [s]"""
     origin: tuple[float, float, float]
-    """camera centre, start of rays, [m]"""
+    """centre of the camera, where rays start, [m]"""
     points: Cloud = []
     """ends of rays, [m]"""
     source: str = "default"
-    """name of its only sender"""
+    """name of the source; each has one sender"""
     seq: int | None = None
-    """message of the sender, rising by 1"""
+    """number of the message, rising by 1"""
     frame: str = "world"
     """`world`, `base`, or one of `[frames]`"""
     voxel: float = 0.05
-    """edge of the source's voxels, [m]"""
+    """edge length of the voxels, [m]"""
     occupied: bytes | list[bool] | None = None
-    """obstacle points, as bytes 0 or 1; left out: all but the arm's"""
+    """whether each point is of an obstacle; left out: all but the arm's are"""
     position_error: float = 0.0
-    """point error with half the ray distance, [m]"""
+    """greatest error of points, half the distance of rays included, [m]"""
     accel: float | None = None
     """acceleration bound, [m/s²]; left out: the cell's for `voxel`"""
     speed: float | None = None
     """speed bound, [m/s]; left out: the cell's for `voxel`"""
     snapshot: bool = False
-    """the source sees the whole cell: remove its other obstacles"""
+    """the source sees the whole cell: its other obstacles have left"""
 
 
 class JointsMessage(Message, tag="joints"):
@@ -136,24 +136,24 @@ class JointsMessage(Message, tag="joints"):
     stamp: float
     """time of measurement, [s]"""
     names: list[str]
-    """joints, with all watched ones"""
+    """names of joints, all watched ones included"""
     q: bytes | list[float]
     """positions, [rad] or [m]"""
     v: bytes | list[float]
     """velocities, [rad/s] or [m/s]"""
     seq: int | None = None
-    """message of the sender, rising by 1"""
+    """number of the message, rising by 1"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
 
 
 class PlanMessage(Message, tag="plan"):
     """What the controller is about to do, and what it asks: may the arm?"""
 
     ask: Literal["commit", "share"]
-    """a piece with its own stop, or a promise"""
+    """what the plan is for"""
     number: Number
-    """unique among senders; the answer carries it"""
+    """unique among all senders"""
     stamp: float
     """time of the first sample, [s]"""
     names: list[str]
@@ -163,15 +163,15 @@ class PlanMessage(Message, tag="plan"):
     q: Rows
     """positions, a row per time, [rad] or [m]"""
     v: Rows
-    """velocities, [rad/s] or [m/s]; cubic between samples"""
+    """velocities, [rad/s] or [m/s]; motion is cubic between samples"""
     tracking_error: Values
-    """greatest distance from the curve, [rad] or [m], above 0"""
+    """greatest distance of the arm from the curve, [rad] or [m], above 0"""
     velocity_tracking_error: Values | None = None
-    """greatest velocity error, [rad/s] or [m/s]; left out: by tracking error and acceleration"""
+    """greatest velocity error, [rad/s] or [m/s]"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
     until: float | None = None
-    """end of a promise, [s]"""
+    """time at which a promise ends, [s]"""
 
 
 class GoalPath(msgspec.Struct, forbid_unknown_fields=True):
@@ -187,62 +187,62 @@ class GoalMessage(Message, tag="goal"):
     """What a shield is to do from now on, in place of what it was asked before."""
 
     number: Number
-    """unique among senders; commands carry it"""
+    """unique among all senders"""
     until: float
-    """end of acceptance, and of a velocity, [s]"""
+    """time until which the goal can be accepted, and a velocity counts, [s]"""
     names: list[str]
     """joints"""
     paths: list[GoalPath] | None = None
-    """the first with the most provable progress counts"""
+    """paths to choose from, by progress that can be proved"""
     velocity: bytes | list[float] | None = None
     """velocities to keep, [rad/s] or [m/s]"""
     chunk: Rows | None = None
     """next positions of a policy, [rad] or [m]"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
 
 
 class RemoveMessage(Message, tag="remove"):
     """Obstacles that left the cell, said by the source that saw them go."""
 
     ids: list[str]
-    """their names"""
+    """names of obstacles"""
     stamp: float
-    """time of leaving, [s]; earlier states restore nothing"""
+    """time of leaving, [s]"""
     source: str = "default"
-    """name of its only sender"""
+    """name of the source; each has one sender"""
     seq: int | None = None
-    """message of the sender, rising by 1"""
+    """number of the message, rising by 1"""
 
 
 class IgnoreMessage(Message, tag="ignore"):
     """Asks that contact be wanted for the time being; only with the token of the run."""
 
     number: Number
-    """number that no exemption in force has"""
+    """unique among all senders"""
     token: str
     """token of `armguard run --reset-token`"""
     link: str
     """link, or `*`"""
     ids: str
-    """id pattern; without `source`, no match is a STOP"""
+    """pattern of obstacle ids; without `source`, no match is a STOP"""
     source: str | None = None
-    """source of the ids, which can come later"""
+    """source of the ids, which can appear later"""
     until: float | None = None
-    """end of the exemption, [s]; left out: by zone"""
+    """time at which the exemption ends, [s]"""
     zone: Rows | None = None
-    """4 to 8 corners of a convex zone, [m]; left out: anywhere"""
+    """4 to 8 corners of a convex zone, [m]"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
 
 
 class WatchMessage(Message, tag="watch"):
     """Ends what an `ignore` began."""
 
     number: Number
-    """of the exemption"""
+    """number of the exemption that ends"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
 
 
 class ResetMessage(Message, tag="reset"):
@@ -251,9 +251,9 @@ class ResetMessage(Message, tag="reset"):
     token: str
     """token of `armguard run --reset-token`"""
     arm: str = ""
-    """name of the arm, among several"""
+    """name of the arm"""
     number: Number | None = None
-    """unique among senders; left out: no answer"""
+    """unique among all senders; left out: no answer"""
 
 
 class Header(msgspec.Struct):

@@ -16,11 +16,11 @@ class ReasonMessage(msgspec.Struct):
     """One reason of a verdict, of a command, or of the answer to a plan."""
 
     kind: str
-    """lower-case `ReasonKind`"""
+    """name of the kind"""
     subject: str
-    """joint, obstacle or source"""
+    """joint, obstacle or source that it is about"""
     detail: str
-    """found and expected"""
+    """what was found and what was expected"""
 
 
 def write_reasons(reasons: Iterable[Reason]) -> list[ReasonMessage]:

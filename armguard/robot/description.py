@@ -50,10 +50,9 @@ class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     acceleration: float
     """Greatest acceleration and deceleration, also in emergency stops, in [rad/s²] or [m/s²]."""
     braking: float | None = None
-    """Refused by name: a deceleration without the load and speed up to which it holds."""
+    """Refused: state `[[brakes]]` instead."""
     position: tuple[float, float] | None = None
-    """Lowest and highest position, in [rad] or [m]; absent for a continuous joint, and only there.
-    """
+    """Lowest and highest position, in [rad] or [m]; a continuous joint has none."""
     position_error: float = 1e-3
     """Greatest error of a measured position, in [rad] or [m]."""
     velocity_error: float = 0.02
@@ -72,8 +71,7 @@ class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     position: float | None = None
     """Position at which it stays, in [rad] or [m]."""
     travel: tuple[float, float] | None = None
-    """Range of its positions, in [rad] or [m]; at most one turn, and it must not carry a watched
-    joint.
+    """Range of its positions, in [rad] or [m], at most one turn; it must carry no watched joint.
     """
 
 
@@ -96,11 +94,10 @@ class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     sources: OperatingSources
     """Their sources."""
     velocity: dict[str, float]
-    """Operating velocity of every joint of `[joints]`, at most its velocity limit, in [rad/s] or
-    [m/s]."""
+    """Operating velocity of each joint, at most its velocity limit, in [rad/s] or [m/s]."""
     acceleration: dict[str, float]
-    """Operating acceleration of every joint, at most its acceleration limit, in [rad/s²] or
-    [m/s²]."""
+    """Operating acceleration of each joint, at most its acceleration limit, in [rad/s²] or [m/s²].
+    """
 
 
 class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -123,14 +120,11 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Display name of the robot."""
     urdf: str = ""
     """Path of the URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/`
-    of the package example-robot-data; absent if the caller gives it.
-    """
+    of the package example-robot-data."""
     package_dirs: tuple[str, ...] = ()
-    """Folders in which `package://` names are looked up, relative to the folder of robot.toml;
-    folders around the URDF need not be named.
-    """
+    """Folders in which `package://` names are looked up, besides those around the URDF."""
     locked: dict[str, LockedJoint] = {}
-    """Joints that are not watched, and carry a watched one or are carried by it."""
+    """Joints that are not watched."""
     bare_links: tuple[str, ...] = ()
     """Moving links with visual but no collision geometry that may stay without a cover."""
     collision_from_visual: tuple[str, ...] = ()

@@ -59,8 +59,7 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     energy: NotNegative | None = None
     """Greatest energy in the tissue, in [J]."""
     force: NotNegative | None = None
-    """Greatest force, clamped or not, in [N]; without it a part that can be clamped may not be
-    touched."""
+    """Greatest force, in [N]; without it a part that can be clamped may not be touched."""
     transient_force: NotNegative | None = None
     """Greatest impact force where the part can move away, in [N]; at least `force`. Left out:
     `force`."""
@@ -70,10 +69,9 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Effective mass of the part, in [kg]; high is cautious. Left out: needed with `energy` or
     `force`."""
     source: str = ""
-    """Origin of the numbers; verdicts name it. Left out: needed."""
+    """Origin of the numbers. Left out: needed."""
     person_speed: NotNegative | Literal["own"] = "own"
-    """`"own"`: the limit holds for a part at rest. A speed of the part, in [m/s]: it holds for what
-    the arm adds."""
+    """Speed of the part, in [m/s], to which the arm adds; `"own"`: the part counts as at rest."""
     gap: NotNegative | None = None
     """Distance to anything below which the part can be clamped, in [m]. Left out: by ISO 13854."""
     thickness: NotNegative | None = None

@@ -15,8 +15,6 @@ HUMAN_SPEED = 1.6
 class SeparationRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of the [separation distance](separation.md), whose margin verdicts then carry.
 
-    Errors that a table or a robot states are added to them.
-
     Raises:
         ArmguardError: A number is negative, infinite or none.
     """

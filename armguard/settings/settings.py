@@ -44,23 +44,21 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     rate: Annotated[Positive, Meta(examples=[100.0, 200.0, 500.0, 2000.0])] = 1000.0
     """Ticks per second, in [Hz]."""
     schedule: ScheduleName | Schedule = "deadline"
-    """What a tick evaluates: what is due, all, or the paper's pairs too. Python also takes a
-    `Schedule`."""
+    """What a tick evaluates: what is due, all, or the paper's pairs too."""
     motion: Annotated[
         Literal["joint", "planned", "isotropic"], Meta(examples=["joint", "isotropic"])
     ] = "joint"
-    """Motion bounds: joint limits; these and committed pieces; free points, cheaper and far more
-    cautious."""
+    """Motion bounds: joint limits; these and committed pieces; free points, far more cautious."""
     leave: Literal["never", "any"] = "never"
-    """Whether joints can leave a committed piece and brake at any moment, as at an emergency stop;
-    pieces are then refused more often. Only with `motion = "planned"`."""
+    """Whether joints can leave a committed piece and brake at any moment.
+    Only with `motion = "planned"`."""
     max_staleness: Annotated[
         float, Meta(ge=0.0, lt=1.0, examples=[0.0, 0.02, 0.05, 0.1, 0.25, 0.5])
     ] = 0.1
     """Share by which an old contact time can be shorter than a new one."""
     budget: Annotated[int, Meta(gt=0, examples=[16, 64, 256, 1024])] | None = None
-    """Evaluations per tick and per stop question; beyond it the answer is cautious, up to STOP.
-    Only with `schedule = "deadline"`. Left out: no limit."""
+    """Evaluations per tick and per stop decision; beyond it the answer is cautious, up to STOP.
+    Left out: no limit."""
     reaction_time: Threshold = 0.02
     """Time from a STOP to braking torque, in [s]."""
     latency: Threshold = 0.002
@@ -75,8 +73,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     scale_rise: Annotated[Positive, Meta(extra={"table": "thresholds"})] = 1.0
     """Greatest rise of the speed scale, in [1/s]; it falls at once."""
     source_timeout: Threshold = 0.2
-    """Default `timeout` of sources and greatest lead of their stamps, in [s]; beyond it the level
-    is STOP."""
+    """Default `timeout` of sources and greatest lead of their stamps, in [s]."""
     joint_timeout: Threshold | None = None
     """Longest step, age, or unchanged stamp of joint states, in [s]; beyond it STOP until a reset.
     Left out: 0.1, or 5 ticks if longer."""

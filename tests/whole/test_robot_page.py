@@ -53,7 +53,7 @@ def test_every_table_and_every_key_is_told(script):
         keys = script["read_keys"](schema, module)
         assert [name for name, *_ in keys] == list(schema.__struct_fields__)
         for name, kind, default, text in keys:
-            assert f"| `{name}` | {kind} | {default} | {text} |" in PAGE
+            assert f"{script['write_key'](name, kind, default, text)}\n" in PAGE
             assert text.endswith(".")
             is_measure = "number" in kind
             assert "[" in text or not is_measure or name == "braking", name

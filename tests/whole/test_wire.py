@@ -14,7 +14,6 @@ import msgspec
 import pytest
 
 from armguard.messages.answers import (
-    CertificateMessage,
     PlanVerdictMessage,
     ResetVerdictMessage,
     VerdictMessage,
@@ -39,7 +38,6 @@ ANSWERS = (
     PlanVerdictMessage,
     ResetVerdictMessage,
     ReasonMessage,
-    CertificateMessage,
 )
 
 

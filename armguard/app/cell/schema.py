@@ -89,16 +89,16 @@ class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
     model: Name
     """Expected model, such as `"UR5e"`."""
     rate: Positive = 500.0
-    """Joint states per second, in [Hz]: at most 500; CB series 125."""
+    """Joint states per second, in [Hz]: at most 500."""
     joints: list[Name] | None = None
     """The six joints, from the base."""
     timeout: Positive = 0.1
-    """Silence of the robot that pauses its program, in [s]; three times this, of robot or driver,
-    stops the arm and ends the program."""
+    """Silence of the robot that pauses its program, in [s]; after three times
+    this, the arm is stopped."""
     speed: Fraction = 1.0
     """Speed slider where nothing is near."""
     stop_within: Positive = 1.0
-    """Longest motion after a pause, in [s]; then the arm is stopped and the program ended."""
+    """Longest motion after a pause, in [s]; then the program is ended."""
     deceleration: Positive = 4.0
     """Its deceleration, in [rad/s²]."""
 
@@ -116,8 +116,7 @@ class FrankaTable(_Table, kw_only=True, tag_field="name", tag="franka"):
     joints: list[Name] | None = None
     """The seven joints, from the base."""
     timeout: Positive = 0.1
-    """Silence of the robot that pauses its program, in [s]; after three times this, of robot or
-    driver, another process connects."""
+    """Silence of the robot that pauses its program, in [s]."""
     waypoints: list[list[float]] = []
     """Two or more positions to move between, in [rad]; none with a shield."""
     speed: Fraction = 1.0
@@ -190,7 +189,7 @@ class _AnyArmTable(_Table):
     package_dirs: list[Name] = []
     """Folders for `package://` names; with `urdf`."""
     joints: list[Name] | None = None
-    """Watched joints; of one arm with `urdf`, of several also by pattern, such as `["left_*"]`."""
+    """Watched joints, by name or pattern, such as `["left_*"]`."""
     cover: Name | None = None
     """Path of a cover.json from `armguard cover`."""
     level: Annotated[int, Meta(ge=0)] | None = None
@@ -198,7 +197,7 @@ class _AnyArmTable(_Table):
     base: BaseTable = BaseTable()
     """Pose of the robot's base."""
     payload: NotNegative | UnsetType = UNSET
-    """Greatest mass, tool included, in [kg]; it decides the stop time."""
+    """Greatest mass, tool included, in [kg]."""
     operating: OperatingTable | Literal["published"] | UnsetType = UNSET
     """Limits that the controller enforces; `"published"`: those of a known robot."""
     driver: UrTable | FrankaTable | Ros2Table | None = None
@@ -220,7 +219,7 @@ class StampTable(_Table):
     latency: NotNegative = 0.0
     """Age of a state at its stamp, in [s]."""
     clock_error: NotNegative = 0.0
-    """Stamp error, either way, in [s]; it widens joint errors."""
+    """Stamp error, either way, in [s]."""
 
 
 class FrameTable(_Table):
@@ -233,14 +232,14 @@ class FrameTable(_Table):
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
     """Rotation: x, y, z, w of length 1."""
     calibration_error: NotNegative = 0.0
-    """Error of points due to the frame, in [m]; it adds up along chains."""
+    """Error of points due to the frame, in [m]."""
 
 
 class SourceTable(_Table):
     """`[sources.<name>]`: a sender of obstacles."""
 
     rate: Positive | None = None
-    """Planned messages per second, in [Hz]; a `timeout` below its period is refused."""
+    """Planned messages per second, in [Hz]."""
     timeout: Positive | None = None
     """Silence that stops the arm, in [s]."""
     clock: Literal["monotonic", "unix", "arrival"] = "monotonic"
@@ -248,9 +247,9 @@ class SourceTable(_Table):
     latency: NotNegative = 0.0
     """Measurement to stamp, in [s]; with `arrival`, longest time to arrival, above 0."""
     clock_error: NotNegative = 0.0
-    """Stamp error, either way, in [s]; it widens errors by the bounds, which must be stated."""
+    """Stamp error, either way, in [s]."""
     required: bool = True
-    """The arm waits for its first message. Any source that has sent must continue."""
+    """The arm waits for its first message."""
     on_refusal: Literal["bound", "stop"] = "bound"
     """A refused sample can be true and counts, or stops the arm."""
     max_message_size: Annotated[int, Meta(gt=0, le=BYTE_LIMIT)] | UnsetType = UNSET
@@ -271,8 +270,7 @@ class CloudsTable(_Table):
     time_error: NotNegative = 0.005
     """Greatest time between cloud and joint state, in [s]."""
     trail: NotNegative | UnsetType = UNSET
-    """How far behind the arm its edge can be measured, in [m]; nothing is seen there on rays
-    through the shell."""
+    """How far behind the arm its edge can be measured, in [m]; nothing is seen there."""
 
 
 class StaticTable(_Table, kw_only=True):
@@ -294,7 +292,7 @@ class EntranceTable(StaticTable, kw_only=True):
     detection_time: NotNegative
     """Longest time from appearance to report, in [s]."""
     speed: Positive | None = None
-    """Their greatest speed, in [m/s]."""
+    """Greatest speed, in [m/s]."""
 
 
 class TetherTable(_Table, kw_only=True):
@@ -352,7 +350,7 @@ class ArmTable(_AnyArmTable, kw_only=True):
     robot: Name | None = None
     """As `name` of `[robot]`; or give `urdf`."""
     calibration_error: NotNegative = 0.0
-    """Error of its points for other arms, from its base, in [m]; angles count times the reach."""
+    """Error of its points for other arms, from its base, in [m]."""
     tool: ToolTable | None = None
     """Body fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
@@ -383,8 +381,8 @@ class BoundsTable(_Table):
     extent: Positive | UnsetType = UNSET
     """Greatest world coordinate, either way, in [m]."""
     body_limits: tuple[Positive, Positive] | UnsetType = UNSET
-    """No body part exceeds this speed in [m/s] and acceleration in [m/s²]; beyond them and its
-    bounds a sample has a measurement error."""
+    """Speed in [m/s] and acceleration in [m/s²] that no body part exceeds; a sample beyond them has
+    a measurement error."""
     of: dict[Name, str | PatternTable] = {}
     """By id pattern, the first match: a body part such as `"hand"`, or a table."""
 
@@ -411,14 +409,13 @@ class ThresholdsTable(_Table):
 class ShieldTable(_Table, kw_only=True):
     """`[shield]`: motion by `armguard shield`, with `motion = "planned"`.
 
-    Its rate is that of `[monitor]`; `robot.operating` limits the speed.
+    `robot.operating` limits the speed.
     """
 
     jerk: Positive | list[Positive]
     """Greatest jerk of all joints or each, in [rad/s³] or [m/s³]."""
     look_ahead: Positive | UnsetType = UNSET
-    """Time for which the requested speed must stay possible, in [s]: less does more work, more
-    brakes more gently."""
+    """Time for which the requested speed must stay possible, in [s]; more brakes more gently."""
     chunk_period: Positive | UnsetType = UNSET
     """Time between chunk points, in [s]."""
     tracking_error: Positive | list[Positive] | UnsetType = UNSET
@@ -433,8 +430,7 @@ class ClientTable(_Table):
     public: Annotated[str, Meta(min_length=KEY_LENGTH, max_length=KEY_LENGTH)]
     """Public key, 40 characters."""
     may: Annotated[list[Right], Meta(min_length=1)]
-    """`obstacles` as the source of its name, `joints` (plans, goals, wanted contact too),
-    `verdicts` (commands too), `reset`, `view`."""
+    """`obstacles` as the source of its name, `joints`, `verdicts`, `reset`, `view`."""
     arms: list[Name] = []
     """Arms of `[[robots]]` for which it sends `joints`."""
 
@@ -481,7 +477,7 @@ class CellTables(_Table, kw_only=True):
     tool: ToolTable | None = None
     """Body fixed to a link."""
     ignore: list[IgnoreEntry | IgnoreTable] = []
-    """Unwatched pairs: link pattern, id pattern, perhaps source. Without a source, the arm stands
+    """Unwatched pairs: patterns of link and id, perhaps source. Without a source, the level is STOP
     until an id matches."""
     bounds: BoundsTable = BoundsTable()
     """Motion bounds of obstacles."""
