@@ -215,13 +215,12 @@ def test_what_the_page_shows_runs(capsys):
     scope = {}
     exec(snippets[0], scope)
     told = capsys.readouterr().out
-    exec(snippets[1], scope)
     mine = JointEnv("velocity", balls=1)
     hand = SimpleNamespace(xpos=np.array([1.0, 0.0, 0.5]))
     mine.data = SimpleNamespace(qpos=HOME, qvel=np.zeros(7), body={"hand": hand}.get)
     scope["my_env"] = mine
-    exec(snippets[2], scope)
-    assert len(snippets) == 3
+    exec(snippets[1], scope)
+    assert len(snippets) == 2
     scope["env"].reset(seed=0)
     _, _, _, _, info = scope["env"].step(NEAR)
     for key in info["armguard"]:

@@ -12,7 +12,7 @@ and nothing fitted. That errs upwards in two ways and downwards in one:
 - The second difference is the mean acceleration over those 60 ms, weighted by a triangle. What
   lasts 60 ms shows whole, what lasts 30 ms at three quarters, a shake of 8 Hz at 83 %. So a bound
   that was kept is one on that mean: a blow of 10 ms is beyond it. With 20 ms on either side peaks
-  are seen better and noise is 2.25 times larger; docs/people.md has both.
+  are seen better and noise is 2.25 times larger.
 
 Steps d_i = x_(i+1) − x_i of a motion within A differ by at most A dt² |i − j| on each axis. If the
 median of the seven steps around one is y away from it, four of the other six are at least y away;
