@@ -1,4 +1,4 @@
-"""`armguard check`: the proofs of a recording, checked by a process that runs none of this code."""
+"""`armguard check`: checks the proofs of a recording in a process that runs none of this code."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 PLACE = "sequence", "now", "link", "obstacle"
-"""What names a proof."""
+"""Fields that identify a proof."""
 
 
 def check(wishes: cli.Check) -> int:
-    """Check all proofs of a recording; the exit code.
+    """Check all proofs of a recording; return the exit code.
 
     Args:
-        wishes: What the command line says.
+        wishes: Options of the command line.
 
     Raises:
         ArmguardError: The file is no recording, or is damaged, or the checker has ended early.
@@ -40,15 +40,15 @@ def check(wishes: cli.Check) -> int:
     else:
         lines = _describe(found)
         if recording.is_cut_off:
-            lines.insert(1, "the recording has no end: what wrote it was killed")
+            lines.insert(1, "the recording has no end: its writer was killed")
         sys.stdout.write("".join(f"{line}\n" for line in lines))
     return 0 if 0 < found["proofs"] == found["verified"] == found["agreeing"] else COMPLAINT
 
 
 def _check_proofs(recording: Recording) -> dict[str, Any]:
-    """What `python -m armguard_check` says of the proofs, which it reads as they stand there.
+    """Results of `python -m armguard_check`, which reads the recorded proofs unchanged.
 
-    And whether they agree with what stands beside them.
+    Also checks whether they agree with the recorded verdicts, settings and arm.
     """
     agreement = Agreement(recording)
     first: dict[str, Any] | None = None
@@ -84,14 +84,14 @@ def _check_proofs(recording: Recording) -> dict[str, Any]:
 
 
 def _describe(found: dict[str, Any]) -> list[str]:
-    """What was found, for people."""
+    """Results, for people."""
     lines = [
         f"{found['proofs']} proofs, {found['verified']} verified",
         f"{found['agreeing']} agree with the verdicts, settings and arm that were recorded",
-        f"{found['contact_free']} prove that there is no contact before a time",
-        f"{found['rests_in_time']} prove that the arm, told to stop, is at rest or slow enough "
-        "before contact",
-        f"{found['rests_only']} prove only that the arm, told to stop, comes to rest",
+        f"{found['contact_free']} prove that no contact is possible before a time",
+        f"{found['rests_in_time']} prove that the arm is at rest or slow enough before contact "
+        f"after a STOP",
+        f"{found['rests_only']} prove only that the arm comes to rest after a STOP",
         *(f"trusted: arm {digest}, {count} proofs" for digest, count in found["arms"].items()),
     ]
     for kind, words in (("refused", "does not hold"), ("disagreeing", "does not agree")):
@@ -99,5 +99,5 @@ def _describe(found: dict[str, Any]) -> list[str]:
         if first is not None:
             place = f"tick {first['sequence']} at {first['now']} s"
             pair = f"{first['link']} and {first['obstacle']}"
-            lines.append(f"first that {words}: {place}, {pair}: {first['why']}")
+            lines.append(f"first proof that {words}: {place}, {pair}: {first['why']}")
     return lines

@@ -1,4 +1,4 @@
-"""The process of `armguard drive` that a run starts and looks after, from a thread of its own."""
+"""The process of `armguard drive` that a run starts and supervises, from a separate thread."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from pathlib import Path
 from armguard.app.processes import describe_end
 
 REFUSED = 2
-"""Exit code of a driver that cannot drive this robot, whenever it is started."""
+"""Exit code of a driver that can never drive this robot."""
 
 RESTART_DELAY = 1.0
 """Between the end of a driver and the start of the next, in [s]."""
 
 CHECK_INTERVAL = 0.1
-"""Between two looks whether it is to end, in [s]."""
+"""Time between two checks whether it must end, in [s]."""
 
 END_TIMEOUT = 8.0
-"""How long a driver may take to leave its arm at rest, in [s]; it says itself what it waits for."""
+"""How long a driver may take to bring its arm to rest, in [s]; the driver reports what it waits
+for."""
 
 
 class DriverProcess:
-    """Drives the robot of a cell as long as the context lasts; what ends meanwhile starts again.
+    """Drives the robot of a cell as long as the context lasts; restarts a driver that ends.
 
-    Without a driver no joint states come, which is a STOP; and a driver without a monitor stops its
-    arm. So neither has to trust that the other one is there.
+    Without a driver no joint states arrive, which is a STOP. A driver without a monitor stops its
+    arm. So neither relies on the other.
 
     Args:
         cell: Its file.
@@ -57,7 +58,7 @@ class DriverProcess:
         self._thread.join()
 
     def start(self, addresses: Mapping[str, str]) -> None:
-        """Have it started, once the monitor listens. Never blocks.
+        """Start it once the monitor listens. Never blocks.
 
         Args:
             addresses: Of "joints", "obstacles" and "verdicts", as they are bound; "-" is standard
@@ -81,15 +82,15 @@ class DriverProcess:
                 return
             end = f"the robot's driver has ended {describe_end(code)}"
             if code == REFUSED:
-                self._tell(f"{end}, and is not started again: no joint states come")
+                self._tell(f"{end}, and is not restarted: no joint states arrive")
                 return
-            self._tell(f"{end}, and is started again")
+            self._tell(f"{end}, and is restarted")
             if "--again" not in self._words:
                 self._words.append("--again")
             self._is_ending.wait(RESTART_DELAY)
 
     def _wait(self, process: subprocess.Popen[bytes]) -> int:
-        """The exit code of a process, which is told to end with the context."""
+        """The exit code of a process, which is signalled to end when the context ends."""
         while not self._is_ending.is_set():
             with contextlib.suppress(subprocess.TimeoutExpired):
                 return process.wait(CHECK_INTERVAL)
@@ -98,5 +99,7 @@ class DriverProcess:
             return process.wait(END_TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-            self._tell("the robot's driver did not end, and was killed: see that the arm stands")
+            self._tell(
+                "the robot's driver did not end and was killed: check that the arm is at rest"
+            )
             return process.wait()

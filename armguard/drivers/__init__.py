@@ -1,7 +1,7 @@
-"""Drivers: processes that join a robot to a monitor, each an extra, loaded where one is asked for.
+"""Drivers: processes that connect a robot to a monitor, each an extra that is loaded on request.
 
 `armguard drive` starts one. It publishes the robot's joint states, obeys the monitor's verdicts,
-and stops the robot by the robot's own means where no verdict is valid.
+and stops the robot by the robot's own means if no verdict is valid.
 """
 
 __all__ = ()

@@ -33,15 +33,15 @@ from armguard.drivers.trajectory import TrajectoryConduct
 from armguard.streams.nodes import Publisher, VerdictReader
 
 _KEPT: list[Arm] = []
-"""Connections, which end with the process: the library would take half a second to disconnect, and
-for ever from a robot that hangs."""
+"""Connections, which end with the process: the library takes half a second to disconnect, and
+blocks for ever if the robot hangs."""
 
 CONNECT_TIMEOUT = 15
 """How long connecting may take, in whole seconds; then the system ends this process."""
 
 
 def connect(session: Session) -> tuple[Arm, Conduct]:
-    """Connect to the robot; it, and what tells it what to do.
+    """Connect to the robot; returns the robot and its conduct.
 
     The module of the robot, and the library that it needs, are loaded here.
 
@@ -74,10 +74,10 @@ def connect(session: Session) -> tuple[Arm, Conduct]:
 
 
 def drive(options: DriveOptions, link: Link) -> None:
-    """Connect, and drive until a measurement is done, or this is to end; the arm is left at rest.
+    """Connect, and drive until a measurement is done or the process must end, with the arm at rest.
 
     Raises:
-        ArmLostError: The arm cannot be driven any more, or may not have come to rest.
+        ArmLostError: The arm can no longer be driven, or may not be at rest.
         WrongArmError: Another arm answers.
         KeyboardInterrupt: A signal ends this process while the arm may move.
     """
@@ -109,7 +109,7 @@ def drive(options: DriveOptions, link: Link) -> None:
 
 
 def run(options: DriveOptions, link: Link) -> NoReturn:
-    """Connect, drive, and end the process at once, with an exit code that says how it went."""
+    """Connect, drive, and end the process at once, with an exit code that states the result."""
     code, name = 0, f"{options.model} at {options.host}"
     try:
         drive(options, link)
@@ -122,7 +122,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
         code = WRONG_ARM
     except KeyboardInterrupt:
         # While it connected, or again while the arm was left.
-        link.tell(f"{name}: ended before the arm was left at rest; {stop_alone(options)}")
+        link.tell(f"{name}: ended before the arm was at rest; {stop_alone(options)}")
     except BaseException as error:
         link.tell(f"{name}: the driver has failed ({type(error).__name__}); {stop_alone(options)}")
         traceback.print_exc()
@@ -136,7 +136,7 @@ def main() -> int:
     try:
         options = msgspec.json.decode(" ".join(sys.argv[1:]), type=DriveOptions)
     except msgspec.DecodeError:
-        sys.stderr.write("this is a process of armguard's: call armguard drive CELL instead\n")
+        sys.stderr.write("armguard starts this process itself: call armguard drive CELL instead\n")
         return WRONG_ARM
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     link = Link(options.link)

@@ -1,4 +1,4 @@
-"""What a driver knows of a robot, and what it can ask of one: the same for every maker."""
+"""State and orders of a robot, the same for every maker."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ LEAST_SCALE = 0.01
 makes real controllers stop protectively."""
 
 REST_SPEED = 0.01
-"""What joints at rest do not exceed, in [rad/s]."""
+"""Greatest speed of joints at rest, in [rad/s]."""
 
 PAYLOAD_TOLERANCE = 0.001
 """By how much a robot's own payload may exceed the cell's, in [kg]."""
 
 
 def describe_overload(payload: float, most: float) -> str:
-    """Why an arm must not move with a payload; empty where it may.
+    """Why an arm must not move with a payload; empty if it may.
 
     Args:
-        payload: What the robot says that it carries, in [kg].
-        most: What the monitor takes it to carry at most, in [kg].
+        payload: Payload that the robot reports, in [kg].
+        most: Greatest payload that the monitor assumes, in [kg].
     """
     if payload <= most + PAYLOAD_TOLERANCE:
         return ""
     return (
-        f"the robot carries {payload:.3g} kg, and the monitor reckons with {most:.3g} kg at most: "
+        f"the robot carries {payload:.3g} kg, and the monitor assumes {most:.3g} kg at most: "
         "state `payload` in the cell file"
     )
 
@@ -41,11 +41,11 @@ class ArmLostError(Exception):
 
 
 class WrongArmError(Exception):
-    """What answers is not the robot of the cell file, so that another try is of no use."""
+    """Another robot than that of the cell file answers, so another try is useless."""
 
 
 class Program(enum.Enum):
-    """What the robot's own program does."""
+    """State of the robot's own program."""
 
     STOPPED = "stopped"
     RUNNING = "running"
@@ -54,30 +54,30 @@ class Program(enum.Enum):
 
 
 class ArmState(NamedTuple):
-    """What a robot said of itself at one time."""
+    """State that a robot reported at one time."""
 
     stamp: float
-    """When it was so, in [s] of this machine's monotonic clock; never too early by more than the
-    robot and its network hold it back at least."""
+    """When it was measured, in [s] of this machine's monotonic clock; too late by at most the least
+    delay of the robot and its network."""
     q: list[float]
     """Positions of its joints, in [rad]."""
     v: list[float]
     """Their velocities, in [rad/s]."""
     program: Program
     trouble: str
-    """Why it cannot be driven as it is, and what to do about it; empty where it can."""
+    """Why the robot cannot be driven, and what to do; empty if it can."""
     scale: float
     """Fraction of its speed at which it runs its program."""
 
 
 class Arm(Protocol):
-    """A connection to a robot. Whatever cannot be done raises `ArmLostError`, and nothing waits."""
+    """A connection to a robot. A failed order raises `ArmLostError`, and nothing waits."""
 
     comes_back: bool
-    """Whether a robot that was silent can be heard again by the same connection."""
+    """Whether the same connection can receive states again after a silence."""
 
     def read(self) -> ArmState | None:
-        """The newest state; None where there is none that was not read before."""
+        """The newest state; None if there is no new one."""
         ...
 
     def leave(self) -> None:
@@ -93,23 +93,23 @@ class ProgramArm(Arm, Protocol):
         ...
 
     def pause(self) -> None:
-        """Slow down to rest, so that the program can go on later."""
+        """Slow down to rest, so that the program can continue later."""
         ...
 
     def resume(self) -> None:
-        """Let a paused program go on."""
+        """Let a paused program continue."""
         ...
 
     def stop(self) -> None:
-        """Slow down to rest and end the program, by a way of its own."""
+        """Slow down to rest and end the program, by a means independent of `pause`."""
         ...
 
 
 class OverrideArm(Arm, Protocol):
-    """A robot that multiplies its speed by a number that is sent to it, or by 0 without one."""
+    """A robot that multiplies its speed by the number that it receives, or by 0 without one."""
 
     def set_speed(self, scale: float) -> None:
-        """Go on at this fraction of the speed, from 0 to 1."""
+        """Move at this fraction of the speed, from 0 to 1."""
         ...
 
     def report(self, verdict: Verdict | None, problem: str) -> None:
@@ -126,7 +126,7 @@ class MotionArm(Arm, Protocol):
 
     @property
     def is_braking(self) -> bool:
-        """Whether it slows down after `brake`, and can be told nothing else."""
+        """Whether it slows down after `brake` and accepts no other order."""
         ...
 
     def follow(self, q: list[float]) -> None:
@@ -134,7 +134,7 @@ class MotionArm(Arm, Protocol):
         ...
 
     def hold(self) -> None:
-        """Go on resting; called with each state where there is nothing to follow."""
+        """Stay at rest; called with each state if there is nothing to follow."""
         ...
 
     def brake(self) -> None:
@@ -143,7 +143,7 @@ class MotionArm(Arm, Protocol):
 
 
 class TrajectoryArm(MotionArm, Protocol):
-    """A robot that follows whole trajectories, each in place of the one before."""
+    """A robot that follows whole trajectories, each of which replaces the one before."""
 
     def send(
         self,

@@ -1,4 +1,4 @@
-"""Topics of a ROS 2 graph, without ROS: `cyclonedds` speaks what is on the wire.
+"""Topics of a ROS 2 graph, without ROS: `cyclonedds` implements the wire protocol.
 
 ROS 2 sends its messages by DDS, in the encoding that DDS calls XCDR1. A topic `/name` is `rt/name`
 there, and a type `package/msg/Name` is `package::msg::dds_::Name_`. Nothing here waits.
@@ -56,14 +56,14 @@ def _find_field(field: Field) -> Any:
 
 
 class Inlet:
-    """Messages of one topic, as they come.
+    """Messages of one topic, in the order of arrival.
 
     Args:
         reader: Reads them.
-        depth: How many wait at most; older ones are lost.
+        depth: Greatest number of waiting messages; older ones are lost.
 
     Attributes:
-        unreadable: How many could not be read.
+        unreadable: Number of unreadable messages.
     """
 
     def __init__(self, reader: DataReader[Any], depth: int) -> None:
@@ -72,10 +72,10 @@ class Inlet:
         self._depth = depth
 
     def take(self) -> Iterator[Any]:
-        """Messages that have come since, the oldest first.
+        """Messages since the last call, the oldest first.
 
         Raises:
-            ArmLostError: DDS does not work any more.
+            ArmLostError: DDS has failed.
         """
         for _ in range(self._depth):
             try:
@@ -93,7 +93,7 @@ class Inlet:
 
 
 class Outlet:
-    """Sends messages of one topic; a message that is not taken at once is lost.
+    """Sends messages of one topic; a message that is not accepted at once is lost.
 
     Args:
         writer: Sends them.
@@ -106,7 +106,7 @@ class Outlet:
         """Send a message.
 
         Raises:
-            ArmLostError: DDS does not work any more.
+            ArmLostError: DDS has failed.
         """
         try:
             self._writer.write(message)
@@ -139,8 +139,8 @@ class Graph:
             topic: As ROS calls it, such as `/joint_states`.
             kind: Type of its messages.
             depth: How many may wait.
-            is_kept: Whether messages from before count as well, as those of `/tf_static`;
-                otherwise publishers of either reliability are heard.
+            is_kept: Whether earlier messages are received too, as those of `/tf_static`; otherwise
+                publishers of either reliability are received.
         """
         policies: list[Any] = [_ENCODING, Policy.History.KeepLast(depth)]
         if is_kept:
@@ -151,7 +151,7 @@ class Graph:
         return Inlet(reader, depth)
 
     def publish(self, topic: str, kind: str) -> Outlet:
-        """Send a topic, so that subscribers of either reliability hear its newest message."""
+        """Send a topic, so that subscribers of either reliability receive its newest message."""
         qos = Qos(_ENCODING, Policy.Reliability.Reliable(0), Policy.History.KeepLast(1))
         return Outlet(DataWriter(self._participant, self._make_topic(topic, kind), qos))
 

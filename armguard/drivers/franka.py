@@ -1,12 +1,12 @@
 """Arms of Franka Robotics, by the Franka Control Interface: `pylibfranka`, the maker's own client.
 
-A robot answers to one client, which sends it a position each millisecond. So there is no program of
-the robot's own, and no slider: either this moves the arm from waypoint to waypoint, as fast as
-verdicts allow, or along the commands of a shield. A robot that gets no positions stops by itself
-within 20 ms; where the driver hangs or ends, nothing else has to stop it.
+A robot accepts one client, which sends a position each millisecond. So the robot has no program and
+no slider. This driver moves the arm from waypoint to waypoint, as fast as verdicts allow, or along
+the commands of a shield. A robot without positions stops by itself within 20 ms, so nothing else
+must stop it if the driver hangs or ends.
 
-The library waits for a state without end in sight, so this waits for the packet first. It lets no
-other thread of Python run meanwhile.
+The library waits for a state without a timeout, so the driver waits for the packet first. During a
+wait of the library, no other Python thread runs.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ FORCES = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
 example of joint positions (pylibfranka/examples/joint_position_example.py)."""
 
 LEVER = 0.1
-"""About which distance from an axis a force is noticed by its torque, in [m]."""
+"""Distance from an axis at which the torque threshold equals the force, in [m]."""
 
 _TROUBLES = {
     "Other": "takes no commands: unlock its joints and activate FCI in Desk",
@@ -64,7 +64,7 @@ _TROUBLES = {
     "UserStopped": "is stopped by its user stop: release it, and start the driver anew",
     "AutomaticErrorRecovery": "recovers from an error",
 }
-"""Modes in which it cannot be driven, and what to do; it can while it is idle or moves."""
+"""Modes in which it cannot be driven, and what to do. It can be driven when idle or moving."""
 
 
 class FrankaArm:
@@ -74,7 +74,7 @@ class FrankaArm:
         options: Which one.
 
     Raises:
-        ArmLostError: It cannot be connected; says why, and what to do.
+        ArmLostError: It cannot be connected; states why, and what to do.
         WrongArmError: It speaks another version of the protocol.
     """
 
@@ -97,7 +97,7 @@ class FrankaArm:
         self._sent: Step | None = None
         self._is_stopping = False
         self._cause = ""
-        """Why the motion has ended that ran, if it was not told to."""
+        """Why the last motion ended without an order."""
         before = _list_datagram_sockets()
         with self._explained():
             # A kernel without real time does as well, with more lost packets.
@@ -113,7 +113,7 @@ class FrankaArm:
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """What the client library raises becomes an error of ours."""
+        """Convert errors of the client library to `ArmLostError`."""
         try:
             yield
         except self._errors as error:
@@ -122,7 +122,7 @@ class FrankaArm:
             raise kind(f"libfranka: {text}") from None
 
     def read(self) -> ArmState | None:
-        """The newest state; None where none comes in time, or a motion has ended."""
+        """The newest state; None if none arrives in time or a motion has ended."""
         if not select.select([self._socket], [], [], WAIT)[0]:
             return None
         with self._explained():
@@ -169,8 +169,8 @@ class FrankaArm:
     def _move(self, target: NDArray[np.float64]) -> None:
         """Answer the state with the next position on the way to a target, in [rad]. Shape (7,).
 
-        A motion begins where the target is elsewhere, and is finished where the joints rest at a
-        target that rests.
+        A motion begins when the target is elsewhere. It is finished when the joints are at rest at
+        a target at rest.
         """
         state, library = self._state, self._library
         is_final = np.array_equal(target, self._target)
@@ -201,8 +201,7 @@ class FrankaArm:
     def _find_reference(self) -> tuple[ArrayLike, ArrayLike, ArrayLike]:
         """Position, velocity and acceleration that the next step follows. Shape (7,) each.
 
-        Those that were sent last, as long as the robot has them; else, after a lost packet, those
-        that the robot has put in their place.
+        The last ones sent, if the robot has them; after a lost packet, the robot's substitutes.
         """
         state, sent = self._state, self._sent
         if sent is not None and np.abs(sent.q - np.array(state.q_d)).max() <= SAME_PLACE:
@@ -210,7 +209,7 @@ class FrankaArm:
         return state.q_d, state.dq_d, state.ddq_d
 
     def _stop(self) -> None:
-        """Have the robot end its motion, as hard as it does that by itself."""
+        """Have the robot end its motion, with the robot's own deceleration."""
         self._is_stopping = True
         with self._explained(), contextlib.suppress(self._library.CommandException):
             # Refused where no motion runs any more.
@@ -253,7 +252,7 @@ class FrankaProgramArm(FrankaArm):
         self._program = Program.STOPPED
 
     def scale(self, fraction: float) -> None:
-        """Move at this fraction of the program's speed; `LEAST_SCALE` is standing here."""
+        """Move at this fraction of the program's speed; at `LEAST_SCALE` the arm stands."""
         self._fraction = fraction
         state = self._state
         if state is self._answered:

@@ -1,9 +1,9 @@
-"""Joint positions that a Franka Research 3 takes: one each millisecond, smooth, within its limits.
+"""Joint positions for a Franka Research 3: one each millisecond, smooth, within its limits.
 
-The robot checks the differences of the positions that it is sent, and ends a motion whose velocity,
-acceleration or jerk is too great. So positions go through three low-pass filters of first order,
-and are checked here before they are sent. Each step begins where the robot says that its reference
-is: after a lost packet that is what the robot has put in its place.
+The robot checks the differences of received positions, and ends a motion whose velocity,
+acceleration or jerk is too great. So positions pass three first-order low-pass filters and are
+checked before they are sent. Each step begins at the robot's reference, which after a lost packet
+is the robot's substitute.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ PERIOD = 0.001
 """Between two positions, in [s]."""
 
 SHARE = 0.1
-"""Of the way to its input that each of the three filters goes in a period."""
+"""Share of the distance to its input that each of the three filters moves in a period."""
 
 ACCELERATION, JERK = 10.0, 5000.0
-"""Of all joints at most, in [rad/s²] and [rad/s³]: `kMaxJointAcceleration` and `kMaxJointJerk` of
+"""Limits of all joints, in [rad/s²] and [rad/s³]: `kMaxJointAcceleration` and `kMaxJointJerk` of
 rate_limiting.h [Franka]_."""
 
 _VELOCITIES = np.array(
@@ -36,7 +36,7 @@ _VELOCITIES = np.array(
         [5.26, 0.35, 34.0, -3.0196, 3.0196],
     ]
 ).T
-"""What velocities may be, by position, in [rad] and [rad/s]: `computeUpperLimitsJointVelocity` and
+"""Velocity limits by position, in [rad] and [rad/s]: `computeUpperLimitsJointVelocity` and
 its counterpart, as above. Shape (5, 7)."""
 
 EPSILON = 1e-3
@@ -63,11 +63,11 @@ class Step(NamedTuple):
 def step_towards(target: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) -> Step:
     """The next position on the way to a target.
 
-    The differences are those that the robot takes: jerk changes the acceleration, that the
-    velocity, and that the position, each from its value after the change. With them the gains
-    place all three poles at 1 − `SHARE`. So the answer to a target that moves is an average of
-    where it was, with weights that are never negative: joints go no faster than the target has, and
-    change their speed no harder, and nothing overshoots.
+    The differences are those of the robot: jerk changes the acceleration, which changes the
+    velocity, which changes the position, each with its new value. With these, the gains place all
+    three poles at 1 − `SHARE`. So the response to a moving target is an average of its past
+    positions with nonnegative weights. Joints are never faster than the target was, never
+    accelerate more, and never overshoot.
 
     Args:
         target: Where to be, in [rad]. Shape (7,).
@@ -83,10 +83,10 @@ def step_towards(target: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike) ->
 
 
 def find_excess(step: Step, names: Sequence[str]) -> str:
-    """Which limit of the robot a step does not keep, in words; empty where it keeps all.
+    """Which limit of the robot a step exceeds, in words; empty if none.
 
     Args:
-        step: To be sent.
+        step: The step to be sent.
         names: Of the joints.
     """
     most, offset, twice, lower, upper = _VELOCITIES
@@ -105,6 +105,6 @@ def find_excess(step: Step, names: Sequence[str]) -> str:
             joint = int(np.argmin(is_kept))
             return (
                 f"{names[joint]} would have a {word} of {values[joint]:.4g} {unit}, and the robot "
-                f"takes {least[joint]:.4g} to {greatest[joint]:.4g}"
+                f"accepts {least[joint]:.4g} to {greatest[joint]:.4g}"
             )
     return ""

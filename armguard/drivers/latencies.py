@@ -1,4 +1,4 @@
-"""A line a second of what a driver did, and how fast."""
+"""One line per second: what a driver did, and its latencies."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INTERVAL = 1.0
 """Between two lines, in [s]."""
 
 _KEPT = 10_000
-"""How many of the newest durations the percentiles are taken of."""
+"""Number of newest durations from which percentiles are computed."""
 
 
 def describe_delay(counts: Counts) -> str:
@@ -49,7 +49,7 @@ class Latencies:
         self._published = stamp
 
     def add_order(self, order: Order) -> None:
-        """Count a stop that has just been ordered, if a verdict or its end is the cause."""
+        """Count a stop that was just ordered because of a verdict or its expiry."""
         if order.since is not None:
             duration = time.monotonic() - order.since
             self.add_stop(duration, was_silent=order.cause != "STOP")
@@ -64,7 +64,7 @@ class Latencies:
         counts.obeyed_p99 = float(np.percentile(self._obeyed, 99.0))
 
     def make_line(self, now: float, state: ArmState | None, verdict: Verdict | None) -> str:
-        """What the last second was like, once a second; otherwise empty.
+        """The line about the last second, once a second; otherwise empty.
 
         Args:
             now: In [s] of the monotonic clock.
@@ -86,7 +86,7 @@ class Latencies:
             words.append(f"{counts.silences - self._silences_before} without a valid verdict")
         if counts.commands > self._commands_before:
             came = counts.commands - self._commands_before
-            words.append(f"{came} commands, {counts.missed} in all not taken up")
+            words.append(f"{came} commands, {counts.missed} in all not followed")
         words.append("no verdict yet" if verdict is None else verdict.level.name)
         if state is not None:
             words.append(f"speed {state.scale:.0%}, program {state.program.value}")

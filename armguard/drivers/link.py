@@ -1,7 +1,7 @@
-"""What a driver's process tells the one that watches it: signs of life, lines, counts.
+"""Messages from a driver's process to the process that watches it: signs of life, lines, counts.
 
 The client library of a robot can hang or end its process, so another process watches. Each line of
-the pipe is a word and what belongs to it. A pipe that is full loses lines; the driver never waits.
+the pipe is a word and its data. A full pipe loses lines; the driver never waits.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ try is of use."""
 
 
 class Counts(msgspec.Struct):
-    """What a driver's process has done so far."""
+    """Counts of a driver's process so far."""
 
     states: int = 0
     """Joint states published."""
     verdicts: int = 0
-    """Times at which a new verdict was there."""
+    """Number of new verdicts."""
     stops: int = 0
-    """Times at which the arm had to stop: for a STOP, or without a valid verdict."""
+    """Number of times that the arm had to stop: for a STOP, or without a valid verdict."""
     silences: int = 0
     """Of these, without a valid verdict."""
     hard_stops: int = 0
-    """Times at which pausing did not bring it to rest, and it was stopped."""
+    """Number of times that pausing did not bring the arm to rest, and the driver stopped it."""
     commands: int = 0
     """Commands of a shield."""
     missed: int = 0
-    """Of these, motions that came too late, or did not join the one before."""
+    """Number of these whose motion came too late, or did not join the one before."""
     longest_gap: float = 0.0
     """Between two joint states, in [s]."""
     obeyed_p99: float | None = None
@@ -68,9 +68,9 @@ class Link:
             os.write(self._descriptor, line[:4000].rstrip(b"\n") + b"\n")
 
     def tell(self, text: str) -> None:
-        """Have a line told to people."""
+        """Send a line for people."""
         self.send(TELL, text)
 
     def count(self, counts: Counts) -> None:
-        """Send what was done so far."""
+        """Send the counts so far."""
         self.send(COUNTS, msgspec.json.encode(counts).decode())

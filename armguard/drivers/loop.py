@@ -1,8 +1,8 @@
-"""The loop of a driver: read verdicts and commands, publish joint states, tell the arm what to do.
+"""The loop of a driver: reads verdicts and commands, publishes joint states, sends orders.
 
-One thread. A new state is answered at once, by the newest verdict. Without one the loop wakes for
-each verdict, and each millisecond, so that an order is given as soon as a verdict has arrived or
-has expired.
+One thread. Each new state is answered at once, by the newest verdict. Without a new state, the loop
+wakes for each verdict and each millisecond, so it gives an order as soon as a verdict arrives or
+expires.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
 
 ROUNDING = 1e-6
-"""By what a verdict may be valid for longer than is agreed before that is told, in [s]."""
+"""By how much the validity of a verdict may exceed that of the cell file before it is reported, in
+[s]."""
 
 LONGEST_TURN = 2.0
 """How long a turn may take beyond the longest silence, in [s]."""
@@ -33,11 +34,11 @@ BEAT = 0.05
 
 
 class DriveLoop:
-    """Drives an arm by what one monitor or shield says, until something ends it.
+    """Drives an arm by the verdicts of one monitor or the commands of one shield.
 
     Args:
         arm: Connected.
-        conduct: Tells the arm what to do.
+        conduct: Gives orders to the arm.
         session: That it is part of.
         publisher: Takes its states.
         reader: Has verdicts and commands.
@@ -67,17 +68,17 @@ class DriveLoop:
         """Drive until the measurement is done, if there is one.
 
         Raises:
-            ArmLostError: The arm cannot be driven any more.
-            KeyboardInterrupt: What started this process has ended.
+            ArmLostError: The arm can no longer be driven.
+            KeyboardInterrupt: The parent process has ended.
         """
         while self._measurement is None or not self._measurement.is_done:
             self.turn()
 
     def turn(self) -> None:
-        """Read the arm, or wait for a verdict for a moment, and do what is to be done.
+        """Read the arm, or wait briefly for a verdict, and act.
 
         Raises:
-            ArmLostError: The arm cannot be driven any more.
+            ArmLostError: The arm can no longer be driven.
         """
         # From one turn to the next the system ends this process, unless it is in time: the robot's
         # library may wait without end, and what watches may have ended as well.
@@ -96,7 +97,9 @@ class DriveLoop:
             is_silent = not silence <= self._options.timeout
             if is_silent != self._is_silent:
                 self._is_silent = is_silent
-                self._link.tell("the robot is silent" if is_silent else "the robot is heard again")
+                self._link.tell(
+                    "the robot is silent" if is_silent else "the robot sends states again"
+                )
             hindrance = self._trouble or ("the robot is silent" if is_silent else "")
             self._conduct.act(
                 Moment(
@@ -107,19 +110,19 @@ class DriveLoop:
             self._report(now)
 
     def _take_verdict(self, verdict: Verdict) -> None:
-        """Count a verdict, and tell of one that claims to be valid for too long."""
+        """Count a verdict, and report one that claims to be valid for too long."""
         self._latencies.counts.verdicts += 1
         self._verdict = verdict
         claimed, agreed = verdict.valid_until - verdict.stamp, self._options.validity
         if not (claimed <= agreed + ROUNDING or self._has_doubted):
             self._has_doubted = True
             self._link.tell(
-                f"verdicts claim to be valid for {1e3 * claimed:.3g} ms, and the cell file has "
-                f"{1e3 * agreed:.3g} ms, which counts: start the monitor with the same file"
+                f"verdicts claim to be valid for {1e3 * claimed:.3g} ms; the cell file has "
+                f"{1e3 * agreed:.3g} ms, which is used: start the monitor with the same file"
             )
 
     def _take(self, state: ArmState, now: float) -> None:
-        """Publish a state, and tell of what is wrong with the robot."""
+        """Publish a state, and report problems of the robot."""
         if not all(map(math.isfinite, [*state.q, *state.v, state.stamp])):
             raise ArmLostError("the robot has sent a joint state that is not finite")
         self._publisher.joints(
@@ -134,7 +137,7 @@ class DriveLoop:
             self._trouble = state.trouble
 
     def _report(self, now: float) -> None:
-        """A sign of life, and a line a second."""
+        """Send signs of life, and a line each second."""
         self._next_beat = now + BEAT
         if self._options.parent and os.getppid() != self._options.parent:
             raise KeyboardInterrupt

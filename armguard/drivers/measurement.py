@@ -1,8 +1,8 @@
 """Stops an arm a few times on purpose, and measures how it stops.
 
-From the order to a pause until all joints rest, with what each joint still goes. Everything errs
-to the long side: a joint begins to brake with the first state in which its speed has surely fallen,
-and has rested since the last state in which it surely moved.
+It measures time and distance of each joint from the order to pause until all joints are at rest.
+All results err on the long side. A joint begins to brake at the first state with a certain decrease
+of its speed, and is at rest after the last state with certain motion.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ import numpy as np
 from armguard.drivers.arm import ArmState, Program
 
 RUN = 0.5
-"""How long the arm runs between two stops, in [s], and rests in each."""
+"""How long the arm moves between two stops, and rests in each, in [s]."""
 
 TIMEOUT = 20.0
-"""How long it may take until the arm moves, or rests, in [s]."""
+"""How long the arm may take to move, or to come to rest, in [s]."""
 
 MOVING = 0.05
 """Joints that are faster are measured, in [rad/s]."""
 
 RESTING = 0.01
-"""Joints that are no faster rest, in [rad/s]: what a slower one still goes is in the distance."""
+"""Joints that are no faster are at rest, in [rad/s]: the distance includes slower motion."""
 
 SLOWED = 0.9
-"""Fraction of its speed below which a joint has surely begun to brake."""
+"""Fraction of its speed below which a joint has certainly begun to brake."""
 
 
 class JointStop(msgspec.Struct):
-    """How one joint stopped."""
+    """A stop of one joint."""
 
     speed: float
     """When the stop was ordered, in [rad/s]."""
     reaction: float
-    """From the order until it surely had begun to slow down, in [s]."""
+    """Time from the order until it had certainly begun to slow down, in [s]."""
     time: float
-    """From the order until it rested, in [s]."""
+    """Time from the order until it was at rest, in [s]."""
     distance: float
-    """From where it was when the stop was ordered, in [rad]."""
+    """Distance from its position at the order, in [rad]."""
 
 
 class _Sample(NamedTuple):
@@ -51,14 +51,14 @@ class _Sample(NamedTuple):
 
 
 class Measurement:
-    """Wants stops, and measures them.
+    """Orders stops, and measures them.
 
     Args:
         count: How many.
 
     Attributes:
-        stops: Those that were measured: of each joint that moved, by its number.
-        problem: Why no more can be measured; empty while they can.
+        stops: The measured stops of each joint that moved, by its number.
+        problem: Why no further stop can be measured; empty if stops can be measured.
     """
 
     def __init__(self, count: int) -> None:
@@ -73,11 +73,11 @@ class Measurement:
 
     @property
     def is_done(self) -> bool:
-        """Whether there is nothing left to measure."""
+        """Whether the measurement is done."""
         return bool(self.problem) or len(self.stops) >= self._count
 
     def wants_stop(self, now: float) -> bool:
-        """Whether the arm is to stop now, in [s] of the monotonic clock."""
+        """Whether the arm must stop at `now`, in [s] of the monotonic clock."""
         if math.isnan(self._phase_since):
             self._phase_since = now
         if now - self._phase_since > TIMEOUT:
@@ -133,22 +133,22 @@ class Measurement:
 
 
 def describe(stops: list[dict[int, JointStop]], names: tuple[str, ...], load: float) -> str:
-    """What was measured, as lines for a cell file and for the robot's description.
+    """The measured figures, as lines for a cell file and for the robot's description.
 
-    Stopping times and distances begin with the order, so they hold all of the reaction as well.
+    Stopping times and distances begin at the order, so they include the reaction.
 
     Args:
         stops: By joint's number.
         names: Of the joints.
-        load: What the arm carried at most, in [kg].
+        load: Greatest load of the arm, in [kg].
     """
     all_stops = [one for stop in stops for one in stop.values()]
     if not all_stops:
         return ""
     reaction = max(one.reaction for one in all_stops)
     lines = [
-        f"# measured by `armguard drive --measure`, {len(stops)} stops; none of them may be the "
-        "worst one",
+        f"# measured by `armguard drive --measure`, {len(stops)} stops; the worst possible stop "
+        f"may be longer",
         "[thresholds]",
         f"reaction_time = {_round_up(reaction)} # from the order to the first slowing",
         "",
@@ -172,10 +172,10 @@ def describe(stops: list[dict[int, JointStop]], names: tuple[str, ...], load: fl
         lines.append(f"{key} = {{ {', '.join(entries)} }}")
     still = [name for name in names if name not in moved]
     if still:
-        lines.append(f"# not measured, since they did not move: {', '.join(still)}")
+        lines.append(f"# not measured, because they did not move: {', '.join(still)}")
     return "\n".join(lines)
 
 
 def _round_up(value: float, *, up: bool = True) -> float:
-    """To a thousandth, to the side that promises less."""
+    """Round to a thousandth, to the safe side."""
     return (math.ceil if up else math.floor)(1000.0 * value) / 1000.0

@@ -1,4 +1,4 @@
-"""What a driver knows at one turn of its loop, and what acts on it."""
+"""The data of one turn of a driver's loop, and the interface of what acts on it."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ class Moment(NamedTuple):
     now: float
     """In [s] of the machine's monotonic clock."""
     verdict: Verdict | None
-    """The newest one; None: there was none."""
+    """The newest verdict; None: there was none."""
     command: CommandMessage | None
-    """The newest one of a shield; None: there was none."""
+    """The newest command of a shield; None: there was none."""
     state: ArmState
-    """The newest one of the robot."""
+    """The newest state of the robot."""
     is_new: bool
-    """Whether that state has come in this turn."""
+    """Whether that state arrived in this turn."""
     hindrance: str
-    """Why the arm must not move, whatever verdicts say: its own trouble, or its silence; otherwise
-    empty."""
+    """Why the arm must not move under any verdict: a problem of the robot, or its silence;
+    otherwise empty."""
 
 
 class Conduct(Protocol):
-    """What tells an arm what to do, in each turn."""
+    """Gives orders to an arm, in each turn."""
 
     def act(self, moment: Moment) -> None:
-        """Tell the arm what follows from a moment.
+        """Give the arm the order that follows from a moment.
 
         Raises:
-            ArmLostError: It does not take that, or does not do it.
+            ArmLostError: The arm does not accept or does not obey the order.
         """
         ...

@@ -1,8 +1,8 @@
 """Follows the commands of a shield: motions that are proved to their rest.
 
-A motion is taken up in time, and only where it joins the one before, or where the arm rests. After
-that the arm goes on along it to its end, whatever is silent. It brakes by its own means only where
-the shield says that the motion is not proved any more, or where the robot is in trouble.
+The driver starts a motion only in time, and only if it joins the one before or the arm is at rest.
+Then the arm follows it to its end, even if the shield is silent. The arm brakes by its own means
+only if the shield withdraws its proof of the motion, or the robot has a problem.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from armguard.messages.incoming import MessageError
 from armguard.streams.goal_intake import LONGEST_VELOCITY
 
 WAIT = 0.01
-"""Between two states that an approach counts with, in [s], at most."""
+"""Greatest time between two states that an approach uses, in [s]."""
 
 REST_REACH = 0.05
-"""How far a resting arm may be off a command that rests, in [rad], to take it up. The shield has
-seen the arm within its tracking error, or it would say "brake"."""
+"""Greatest distance of an arm at rest from a command at rest that it may follow, in [rad]. Within
+its tracking error, the shield does not command "brake"."""
 
 QUIET = LONGEST_VELOCITY
-"""After a fault no goal moves the arm before there was none for so long, in [s]: as long as the
-velocity of a stream holds. Then the next one is sent by somebody who knows of the fault."""
+"""After a fault, goals must pause for this time before a goal moves the arm, in [s]: as long as the
+velocity of a stream is valid. Then the sender of the next goal knows of the fault."""
 
 APPROACH = 0.01
-"""How fast an arm that was off a command comes to it, in [rad/s]: less than tracking errors are."""
+"""How fast an arm approaches a command that it is off, in [rad/s]: less than tracking errors."""
 
 
 class MotionConduct:
@@ -49,23 +49,23 @@ class MotionConduct:
         self._braked_at = math.inf
         self._followed: CommandMessage | None = None
         self._order: NDArray[np.intp] = np.arange(0)
-        """Where in the rows of the followed motion the robot's joints are."""
+        """Columns of the robot's joints in the rows of the followed motion."""
         self._offset = np.zeros(len(self._names))
-        """How far from the followed motion the arm is led, in [rad]."""
+        """Offset of the arm from the followed motion, in [rad]."""
         self._approached_at = 0.0
         self._seen: CommandMessage | None = None
         self._sequence = 0
         self._goal: int | None = None
         """The newest one."""
         self._quiet_since = math.inf
-        """When the newest goal came; inf: nothing has come."""
+        """When the newest goal came; inf: there was none."""
         self._heard_at = math.inf
         self._is_barred = True
         """Whether the newest goal is older than the end of a fault, or the beginning."""
         self._problem = ""
 
     def act(self, moment: Moment) -> None:
-        """Follow, take up, or brake."""
+        """Follow a motion, start a new one, or brake."""
         command = moment.command
         if moment.hindrance:
             self._drop(moment)
@@ -97,7 +97,7 @@ class MotionConduct:
             self._drop(moment)
 
     def _brake(self, moment: Moment) -> None:
-        """Follow nothing any more, and slow down."""
+        """End the followed motion, and slow down."""
         self._followed, self._braked_at = None, moment.now
         self._arm.brake()
 
@@ -108,7 +108,7 @@ class MotionConduct:
         self._is_barred = True
 
     def _consider(self, command: CommandMessage, moment: Moment) -> None:
-        """Take up a new command, or brake where the motion that is followed is not proved.
+        """Start a new command, or brake if the followed motion is no longer proved.
 
         Raises:
             MessageError: The command is malformed.
@@ -116,7 +116,7 @@ class MotionConduct:
         counts = self._session.latencies.counts
         counts.commands += 1
         if command.sequence < self._sequence:
-            self._complain("the shield was started anew: send it a goal")
+            self._complain("the shield was restarted: send it a goal")
             self._drop(moment)
             self._quiet_since = math.inf
         self._sequence = command.sequence
@@ -170,7 +170,7 @@ class MotionConduct:
             self._is_barred, self._problem = False, ""
         else:
             self._complain(
-                f"goals are not followed before none has come for {QUIET:g} s: pause their stream"
+                f"goals are ignored until none has arrived for {QUIET:g} s: pause their stream"
             )
 
     def _join_at_rest(
@@ -180,10 +180,10 @@ class MotionConduct:
         here: NDArray[np.float64],
         moment: Moment,
     ) -> bool:
-        """Take up a command that rests near where the arm rests, so that it joins the next ones.
+        """Start a command at rest near the arm at rest, so that the arm joins later commands.
 
-        An arm that has missed commands rests off the motion that the shield knows, and within its
-        tracking error; there it may be led to it, slowly.
+        An arm that has missed commands is at rest away from the shield's motion, within its
+        tracking error. It may then approach that motion slowly.
         """
         followed = self._followed
         is_resting = followed is None or not moment.now < followed.valid_until
@@ -199,11 +199,11 @@ class MotionConduct:
         return True
 
     def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
-        """Follow a command from now on, with the offset that the arm has."""
+        """Follow a command from now on, with the arm's present offset."""
         self._followed, self._order = command, order
 
     def _complain(self, problem: str) -> None:
-        """Tell of a problem once."""
+        """Report a problem once."""
         if problem != self._problem:
             self._problem = problem
             self._session.link.tell(problem)

@@ -1,4 +1,4 @@
-"""What a verdict lets an arm do, and what nothing but a person may let it do again."""
+"""What a verdict permits, and what only a person may permit again."""
 
 from __future__ import annotations
 
@@ -10,29 +10,28 @@ from armguard.verdict import Level, Verdict
 
 
 class Order(NamedTuple):
-    """What an arm has to do now."""
+    """The present order to an arm."""
 
     scale: float
-    """How fast it may go on, from 0 to 1; 0: it must stop."""
+    """Permitted fraction of its speed, from 0 to 1; 0: it must stop."""
     cause: str = ""
-    """Why it must stop: "STOP", "no valid verdict", "no verdict yet", or what hinders it; otherwise
+    """Why it must stop: "STOP", "no valid verdict", "no verdict yet", or the hindrance; otherwise
     empty."""
     since: float | None = None
-    """When the verdict said so, or ceased to be valid, in [s] of the machine's monotonic clock;
-    None: no verdict is the cause."""
+    """Time of the verdict or of its expiry, in [s] of the machine's monotonic clock; None: no
+    verdict is the cause."""
 
 
 class Obedience:
     """Follows the verdicts of one monitor.
 
     Args:
-        validity: How long a verdict is valid, as the cell file has it, in [s]: one that claims more
-            is not believed.
-        measurement: Stops the arm on purpose; None: nothing does.
+        validity: How long a verdict is valid by the cell file, in [s]: a longer claim is ignored.
+        measurement: Stops the arm on purpose; None: no measurement.
 
     Attributes:
-        restarts: How often another monitor took the place of the one before. What was latched in
-            that one is forgotten, so a person must let the arm go on.
+        restarts: How often another monitor replaced the one before. Its latched STOPs are lost, so
+            a person must let the arm continue.
     """
 
     def __init__(self, validity: float, measurement: Measurement | None = None) -> None:
@@ -44,12 +43,12 @@ class Obedience:
         self._came_at = -math.inf
 
     def decide(self, verdict: Verdict | None, now: float, hindrance: str = "") -> Order:
-        """What the newest verdict orders; a verdict that is not understood orders a stop.
+        """The order of the newest verdict; a verdict that cannot be interpreted orders a stop.
 
         Args:
             verdict: The newest one; None: there was none.
             now: In [s] of the machine's monotonic clock.
-            hindrance: Why the arm must not move, whatever the verdict says; otherwise empty.
+            hindrance: Why the arm must not move under any verdict; otherwise empty.
         """
         order = self._read(verdict, now)
         if self._measurement is not None and self._measurement.wants_stop(now):

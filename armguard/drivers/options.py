@@ -1,4 +1,4 @@
-"""What a driver's process is started with; it stands as JSON on its command line."""
+"""Options of a driver's process, as JSON on its command line."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from armguard.bridges.ros2 import FrameErrors
 from armguard.streams.keys import Keys
 
 WRONG_ARM, LOST = 2, 3
-"""Exit codes: another try is of no use; the robot was lost, and was stopped if it could be."""
+"""Exit codes: another try is useless; the robot was lost, and was stopped if possible."""
 
 LONGEST_HANG = 2.0
 """Silence after which the process of a robot that stops by itself is ended, in [s]."""
 
 
 class ObstacleTopic(msgspec.Struct, frozen=True, kw_only=True):
-    """A topic of a ROS 2 graph that shows obstacles."""
+    """A topic of a ROS 2 graph that reports obstacles."""
 
     topic: str
     kind: str
     """Type of its messages."""
     radius: float | None
-    """Of what comes without sizes, in [m]."""
+    """Radius of bodies without sizes, in [m]."""
     snapshot: bool
-    """Whether each message shows all that its source sees."""
+    """Whether each message shows all bodies that its source sees."""
 
 
 class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
-    """What else the driver of a ROS 2 graph has to know."""
+    """Further options of the driver of a ROS 2 graph."""
 
     domain: int
     joint_states: str
@@ -43,7 +43,7 @@ class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
     obstacle_address: str
     """Address to publish obstacles to."""
     frames: tuple[str, ...]
-    """That the monitor knows."""
+    """Frames that the monitor knows."""
     frame_errors: dict[str, FrameErrors]
     """Of others, by name or pattern."""
     acceleration_limit: tuple[float, ...]
@@ -57,28 +57,28 @@ class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FrankaOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """What else the driver of a Franka has to know."""
+    """Further options of the driver of a Franka."""
 
     waypoints: tuple[tuple[float, ...], ...]
     """Positions of the joints between which the driver moves it, in [rad]; empty behind a
     shield."""
     velocities: tuple[float, ...]
-    """What the monitor takes the joints to keep to, in [rad/s]."""
+    """Velocity limits that the monitor assumes, in [rad/s]."""
     accelerations: tuple[float, ...]
-    """With which they may speed up, in [rad/s²]."""
+    """Acceleration limits of the joints, in [rad/s²]."""
     contact_force: float | None
     """The least force that a contact limit of the cell permits, in [N]; None: none states one."""
 
 
 class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a driver's process has to know."""
+    """All options of a driver's process."""
 
     driver: str
     """Which robot's: "ur", "franka" or "ros2"."""
     host: str
     """Name or address of the robot's controller, or which domain it is in."""
     model: str
-    """Which robot it is to be, such as "UR5e" or "FR3"."""
+    """Model of the robot, such as "UR5e" or "FR3"."""
     rate: float
     """Joint states a second, in [Hz]; 0: as many as come."""
     names: tuple[str, ...]
@@ -86,15 +86,15 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     timeout: float
     """Silence of the robot after which its program is paused, in [s]."""
     speed: float
-    """Fraction of its speed that a program gets where nothing is near, above 0 and up to 1."""
+    """Fraction of its speed that a program gets if no obstacle is near, above 0 and up to 1."""
     stop_within: float
-    """How long the arm may move on after an order to pause, in [s]. Then it is stopped."""
+    """How long the arm may still move after an order to pause, in [s]. Then the driver stops it."""
     deceleration: float
-    """Of that stop, in [rad/s²]."""
+    """Deceleration of that stop, in [rad/s²]."""
     validity: float
-    """How long a verdict of the cell's monitor is valid, in [s]."""
+    """How long a verdict of the cell's monitor is valid [s]."""
     payload: float
-    """What the monitor takes the arm to carry at most, in [kg]."""
+    """Greatest payload that the monitor assumes, in [kg]."""
     joints: str
     """Address to publish joint states to."""
     verdicts: str
@@ -102,7 +102,7 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     arm: str = ""
     """Which of several arms it is; empty where there is one."""
     follows: bool = False
-    """Whether the commands of a shield move the arm; otherwise its own program does."""
+    """Whether commands of a shield move the arm; otherwise its own program does."""
     measure: int = 0
     """How often to stop the arm on purpose, to measure it; 0: never."""
     key_files: tuple[str, str] | None = None
@@ -113,8 +113,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     franka: FrankaOptions | None = None
     """Of the driver "franka" alone."""
     is_first: bool = True
-    """Whether a person has just started the driver; otherwise this takes the place of a process or
-    a connection that was lost."""
+    """Whether a person has just started the driver; otherwise this process replaces a lost process
+    or connection."""
     parent: int = 0
     """The process that started this one; this one ends with it."""
     link: int = -1
@@ -124,8 +124,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     def longest_silence(self) -> float:
         """Silence of the robot, or of this process, after which the arm is stopped, in [s].
 
-        In a ROS 2 graph the robot stops by itself where this process is silent, so that one may
-        take longer before another is started.
+        In a ROS 2 graph the robot stops by itself if this process is silent, so the silence may be
+        longer before another process starts.
         """
         return 3.0 * self.timeout if self.ros2 is None else LONGEST_HANG
 

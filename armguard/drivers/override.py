@@ -1,7 +1,7 @@
-"""Obeys verdicts where the robot takes a speed override: a number from 0 to 1, again and again.
+"""Obeys verdicts if the robot accepts a speed override: a number from 0 to 1, repeatedly.
 
-A robot that hears no number has to stop by itself, so the number is sent with each verdict, and
-repeated as long as there is none.
+A robot that receives no number must stop by itself. So the number is sent with each verdict, and
+repeated until the next one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class OverrideConduct:
     """Sends the speed that verdicts allow; see `Conduct`.
 
     Args:
-        arm: Takes it.
+        arm: The robot.
         session: That it is part of.
     """
 
@@ -37,10 +37,10 @@ class OverrideConduct:
         """Number of the verdict by which the speed was sent last."""
         self._next_repeat = self._next_brake = -math.inf
         self._stopped_at = math.inf
-        """When the arm was told to stop; inf: it was not."""
+        """When the arm was ordered to stop; inf: it was not."""
 
     def act(self, moment: Moment) -> None:
-        """Send the speed; brake by another way where the arm does not obey."""
+        """Send the speed; brake by another means if the arm does not obey."""
         now, verdict = moment.now, moment.verdict
         order = self._obedience.decide(verdict, now, moment.hindrance)
         number = 0 if verdict is None else verdict.sequence
@@ -60,7 +60,7 @@ class OverrideConduct:
             self._check(moment)
 
     def _check(self, moment: Moment) -> None:
-        """See that the arm has stopped in time."""
+        """Check that the arm has stopped in time."""
         now = moment.now
         speed, waited = max(map(abs, moment.state.v)), now - self._stopped_at
         is_in_time = waited <= self._session.options.stop_within
@@ -70,6 +70,6 @@ class OverrideConduct:
         self._session.latencies.counts.hard_stops += 1
         how = "braking it" if self._arm.stop() else "stop it by hand"
         self._session.link.tell(
-            f"the arm still moves at {speed:.2g} rad/s {waited:.2g} s after it was told to stop: "
+            f"the arm still moves at {speed:.2g} rad/s {waited:.2g} s after the order to stop: "
             f"{how}"
         )

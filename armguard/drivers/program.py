@@ -1,7 +1,7 @@
-"""Obeys verdicts where the robot's own program moves the arm: scales, pauses and resumes it.
+"""Obeys verdicts if the robot's own program moves the arm: scales, pauses and resumes it.
 
-What is ordered is repeated with each joint state: a slider that somebody else moves, or a program
-that somebody starts, is set right at once.
+Orders are repeated with each joint state. So a slider that a person moves, or a program that a
+person starts, is corrected at once.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ STOP_INTERVAL = 0.5
 """Between two orders to pause, or to stop, while the arm does not obey, in [s]."""
 
 RESUME_DELAY = 0.3
-"""How long verdicts must have allowed motion before a paused program goes on, in [s]."""
+"""How long verdicts must have permitted motion before a paused program continues, in [s]."""
 
 
 class ProgramConduct:
@@ -38,10 +38,10 @@ class ProgramConduct:
         self._ordered_at = self._agreed_at = self._state_at = -math.inf
         self._next_pause = self._next_stop = -math.inf
         self._is_pausing = False
-        """Whether this has paused the program, and may let it go on."""
+        """Whether this driver has paused the program, and may let it continue."""
 
     def act(self, moment: Moment) -> None:
-        """Set the slider; pause the program, let it go on, or stop it."""
+        """Set the slider; pause, resume or stop the program."""
         now, state = moment.now, moment.state
         order = self._obedience.decide(moment.verdict, now, moment.hindrance)
         if 0.0 < order.scale < LEAST_SCALE:
@@ -64,13 +64,12 @@ class ProgramConduct:
         return max(LEAST_SCALE, min(order.scale, 1.0) * self._options.speed)
 
     def _note(self, order: Order, moment: Moment) -> None:
-        """Note when what is ordered changes, and tell of a monitor that was started anew."""
+        """Note when the order changes, and report a restarted monitor."""
         if self._obedience.restarts != self._restarts:
             self._restarts = self._obedience.restarts
             if self._is_pausing:
                 self._session.link.tell(
-                    "the monitor was started anew: the program stays paused until a person "
-                    "starts it"
+                    "the monitor was restarted: the program stays paused until a person starts it"
                 )
             self._is_pausing = False
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
@@ -79,7 +78,7 @@ class ProgramConduct:
         self._order = order
 
     def _confirm(self, order: Order, moment: Moment) -> None:
-        """See that the robot has the speed that it was told: the library cannot say."""
+        """Check that the robot has the ordered speed: the library does not report it."""
         now, scale = moment.now, moment.state.scale
         was_silent = not now - self._state_at <= self._options.timeout
         self._state_at = now
@@ -88,12 +87,12 @@ class ProgramConduct:
             self._agreed_at = now
         elif not now - self._agreed_at <= self._options.longest_silence:
             raise ArmLostError(
-                f"the robot does not take the speed slider: it says {scale:.3g}, and was told "
+                f"the robot does not take the speed slider: it reports {scale:.3g}, ordered was "
                 f"{self._scale(order):.3g}"
             )
 
     def _resume(self, moment: Moment) -> None:
-        """Let the program go on after a while, if it was paused here."""
+        """Let the program continue after a while, if this driver paused it."""
         program = moment.state.program
         is_due = moment.now - self._ordered_at >= RESUME_DELAY
         # One that runs by now has not obeyed, or somebody has started it: who pauses it next is
@@ -105,7 +104,7 @@ class ProgramConduct:
             self._arm.resume()
 
     def _stop(self, moment: Moment) -> None:
-        """Pause a program that runs; where the arm moves on, stop it, by another way."""
+        """Pause a running program; if the arm still moves, stop it by another means."""
         now, state = moment.now, moment.state
         if state.program is Program.RUNNING and now >= self._next_pause:
             self._next_pause = now + PAUSE_INTERVAL
@@ -121,7 +120,7 @@ class ProgramConduct:
         self._is_pausing = False
         self._session.latencies.counts.hard_stops += 1
         self._session.link.tell(
-            f"the arm, at {speed:.2g} rad/s, has not paused {waited:.2g} s after it was told to: "
-            "stopping it, which ends its program"
+            f"the arm, at {speed:.2g} rad/s, has not paused {waited:.2g} s after the order: "
+            f"stopping it, which ends its program"
         )
         self._arm.stop()

@@ -1,7 +1,7 @@
-"""A robot in a ROS 2 graph: joint states and obstacles come from there, orders go there.
+"""A robot in a ROS 2 graph: receives joint states and obstacles from the graph, and sends orders.
 
-Stamps of the graph are those of the system's clock. They are translated to this machine's monotonic
-clock, so that a date that is set while we run moves nothing.
+Stamps of the graph are times of the system clock. They are converted to this machine's monotonic
+clock, so a change of the system clock has no effect.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class _Joints(NamedTuple):
 
 
 class _Source:
-    """What a topic of obstacles needs."""
+    """Data of a topic of obstacles."""
 
     def __init__(self, graph: Graph, name: str, topic: ObstacleTopic, options: DriveOptions):
         assert options.ros2 is not None
@@ -78,7 +78,7 @@ class _Source:
 
 
 class Ros2Arm:
-    """A robot that is heard and told by topics; see `OverrideArm` and `TrajectoryArm`.
+    """A robot with topics for states and orders; see `OverrideArm` and `TrajectoryArm`.
 
     Args:
         options: Which topics, and in which domain.
@@ -129,7 +129,7 @@ class Ros2Arm:
         self._reported: Level | None = None
 
     def read(self) -> ArmState | None:
-        """The newest state; obstacles that have come meanwhile go to the monitor."""
+        """The newest state; obstacles that arrived since go to the monitor."""
         self._take_transforms(self._standing, None)
         self._take_transforms(self._moving, self._read_stamp)
         for source in self._sources:
@@ -169,7 +169,7 @@ class Ros2Arm:
                 self._complain("transforms", str(error))
 
     def _take_obstacles(self, source: _Source) -> None:
-        """Take one message at most, so that a verdict waits for no more than that."""
+        """Process one message at most, so that a verdict waits for no more."""
         unreadable = source.inlet.unreadable
         for message in itertools.islice(source.inlet.take(), 1):
             try:
@@ -198,7 +198,7 @@ class Ros2Arm:
         self._note_unreadable(source.name, source.inlet)
 
     def _say_unreadable(self, source: _Source) -> None:
-        """Let the verdict know that obstacles may be missing: a time that is none is refused."""
+        """Report that obstacles may be missing, by an invalid time, which the monitor refuses."""
         source.publisher.update([], math.nan, np.zeros((0, 3)))
 
     def _note_unreadable(self, name: str, inlet: Inlet) -> None:
@@ -206,7 +206,7 @@ class Ros2Arm:
             self._complain(f"{name}, raw", f"{name}: messages cannot be read")
 
     def _complain(self, about: str, problem: str) -> None:
-        """Tell of a problem once, and of another one in its place a while later."""
+        """Report a problem once, and another one of the topic a while later."""
         now = time.monotonic()
         before, told = self._told.get(about, ("", -math.inf))
         if problem != before and now - told >= COMPLAINT_INTERVAL:
@@ -219,7 +219,7 @@ class Ros2Arm:
         return now + (read_stamp(header) / _NANO - unix)
 
     def _make_stamp(self, stamp: float) -> Any:
-        """A time of the monotonic clock, in [s], as the graph has it."""
+        """A time of the monotonic clock, in [s], as a stamp of the graph."""
         now, unix, _ = compare_clocks(time.monotonic, time.time)
         sec, nanosec = divmod(round((unix + (stamp - now)) * _NANO), _NANO)
         return find_type("builtin_interfaces/msg/Time")(sec, nanosec)
@@ -242,7 +242,7 @@ class Ros2Arm:
         self._diagnostics.send(self._answers.make_diagnostics(stamp, diagnostic))
 
     def send(self, stamp: float, times: Array, q: Array, v: Array) -> None:
-        """Send a trajectory; without accelerations a controller makes cubics of it."""
+        """Send a trajectory; without accelerations a controller interpolates by cubics."""
         self._send(self._make_stamp(stamp), times, q, v)
 
     def _send(self, stamp: Any, times: Array, q: Array, v: Array) -> None:
@@ -263,19 +263,19 @@ class Ros2Arm:
 
     @property
     def is_braking(self) -> bool:
-        """Whether a braking trajectory has not come to its end."""
+        """Whether a braking trajectory has not ended."""
         return time.monotonic() < self._braking_until
 
     def brake(self) -> None:
-        """Slow down by a trajectory, if there is one to send."""
+        """Slow down by a trajectory, if one can be sent."""
         self.stop()
 
     def stop(self) -> bool:
-        """Send a trajectory that slows down to rest from where the arm is; whether it can be sent.
+        """Send a trajectory from the arm's state to rest; returns whether it can be sent.
 
         From one place and velocity to another place and rest, in a time that fits both, a cubic has
-        a constant deceleration. The stamp of 0 lets it begin at once. Where an arm is that was
-        silent for long is not known, so nothing is sent: it goes on to the end of its motion.
+        a constant deceleration. The stamp of 0 lets it begin at once. The position of an arm after
+        a long silence is unknown, so nothing is sent: it continues to the end of its motion.
         """
         state, now = self._state, time.monotonic()
         if self._trajectory is None or state is None:
@@ -297,5 +297,5 @@ class Ros2Arm:
         """Nothing: the robot rests at the end of a trajectory."""
 
     def leave(self) -> None:
-        """Let it stand; a motion of a shield, which is proved to its rest, goes on to there."""
+        """Do nothing: a motion of a shield is proved until rest, and continues to there."""
         self.set_speed(0.0)

@@ -1,4 +1,4 @@
-"""What the parts of a driver's process share."""
+"""Data that the parts of a driver's process share."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Session(NamedTuple):
     """One connection to a robot."""
 
     options: DriveOptions
-    """What the process was started with."""
+    """Options of the process."""
     latencies: Latencies
-    """Counts what is done."""
+    """Counts actions."""
     link: Link
     """Takes lines for people."""
     measurement: Measurement | None = None
-    """Stops the arm on purpose, and ends the session when it is done; None: nothing does."""
+    """Stops the arm on purpose, and ends the session when it is done; None: no measurement."""

@@ -7,13 +7,13 @@ from armguard.drivers.ur_lines import stop_by_script
 
 
 def stop_alone(options: DriveOptions) -> str:
-    """Stop an arm whose driver has ended or hangs, if anything can; what stops it, in words."""
+    """Stop an arm whose driver has ended or hangs, if possible; returns what stops it, in words."""
     if options.driver == "ros2":
         if options.follows:
             return "the arm rests at the end of the motion that was sent last"
-        return "no speed is sent any more, at which the robot must stop by itself"
+        return "the driver sends no speed, so the robot must stop by itself"
     if options.driver == "franka":
         return "without positions the robot stops by itself"
     if stop_by_script(options.host, options.deceleration):
-        return "the arm was told to stop"
-    return "nothing reaches the arm, so see that it stands"
+        return "the arm was ordered to stop"
+    return "no order reaches the arm: check that it is at rest"

@@ -1,7 +1,7 @@
-"""Follows the commands of a shield where the robot takes whole trajectories.
+"""Follows the commands of a shield if the robot accepts whole trajectories.
 
-Each motion that is taken up is sent at once, to its rest. So the arm comes to rest on the proved
-path whatever is silent after that, this driver as well.
+Each motion is sent at once, to its rest. So the arm comes to rest on the proved path even if all
+processes are silent after that, this driver included.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class TrajectoryConduct(MotionConduct):
         self._obedience = Obedience(session.options.validity)
 
     def act(self, moment: Moment) -> None:
-        """Follow, take up, or brake, and show the verdict."""
+        """Follow a motion, start a new one, or brake, and show the verdict."""
         super().act(moment)
         cause = moment.hindrance or self._obedience.decide(moment.verdict, moment.now).cause
         self._sender.report(moment.verdict if cause in ("", "STOP") else None, cause)
@@ -49,12 +49,12 @@ def make_points(
 ) -> tuple[Array, Array, Array]:
     """Times, positions and velocities of a motion, for an arm that may be off it.
 
-    An offset shrinks at `APPROACH`, joint by joint. Points are added where it ends, so that the
-    cubic between two points is off by no more than what it shrinks by between them.
+    An offset shrinks at `APPROACH`, joint by joint. Points are added where it ends, so the error of
+    the cubic between two points is at most its decrease between them.
 
     Args:
         command: The motion.
-        order: Where in its rows the robot's joints are. Shape (nv,).
+        order: Columns of the robot's joints in its rows. Shape (nv,).
         offset: How far from the motion the robot's joints are, in [rad]. Shape (nv,).
         since: From when on the offset shrinks, in [s] from the command's stamp.
 

@@ -3,9 +3,9 @@
 Either the robot's own program moves the arm, or the commands of a shield do. A program is scaled by
 the speed slider; the dashboard pauses it and lets it go on. Each write of the slider feeds
 `input_int_register_47`, on which the program can set a watchdog of the controller's own. Commands
-are followed by `servoJ` in the library's own program, with such a watchdog. What the library gets
-wrong is met here: its constructors hang or end the process, and a slider that it says it has set
-need not be set.
+are followed by `servoJ` in the library's own program, with such a watchdog. This module handles
+faults of the library: its constructors hang or end the process, and it may report a slider as set
+that is not set.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ JOINTS = (
 """Names of the joints in the maker's descriptions, in the controller's order."""
 
 CB_SERIES = ("UR3", "UR5", "UR10")
-"""Models before the e-Series, whose software is of a version below 5; no other model has that."""
+"""Models before the e-Series; only their software has a version below 5."""
 
 VARIABLES = [
     "timestamp",
@@ -52,16 +52,16 @@ VARIABLES = [
     "target_speed_fraction",
     "payload",
 ]
-"""What the controller is asked to send."""
+"""Values that the controller must send."""
 
 LOOK_AHEAD, GAIN = 0.03, 1000.0
 """Of `servoJ`, in [s], the least that it takes, and without a unit: how closely it follows."""
 
 FULL_SCALE = 0.999
-"""From here on a speed slider is at its end."""
+"""At this fraction or more, a speed slider counts as full."""
 
 STOP_DECELERATION = 10.0
-"""Of `servoStop`, in [m/s²], as the library has it where nothing else is said."""
+"""Deceleration of `servoStop`, in [m/s²]: the library's default."""
 
 _RUNNING = 7
 
@@ -135,7 +135,9 @@ class UrArm:
         model, version = map(self._dashboard.ask, ("get robot model", "PolyscopeVersion"))
         major = re.match(r"URSoftware (\d+)\.", version)
         if major is None:
-            raise ArmLostError(f"the robot does not tell the version of its software: {version!r}")
+            raise ArmLostError(
+                f"the robot does not report the version of its software: {version!r}"
+            )
         # Controllers of the e-Series leave out the "e"; their software tells them from the others.
         is_old = int(major[1]) < 5
         wanted = options.model.upper()
@@ -148,10 +150,12 @@ class UrArm:
         answer = self._dashboard.ask("is in remote control")
         # Controllers of the CB series know no such mode, and do not understand.
         if answer.lower() == "false":
-            raise ArmLostError("the robot is not in remote control: switch it on at the pendant")
+            raise ArmLostError(
+                "the robot is not in remote control: switch remote control on at the pendant"
+            )
 
     def _connect(self, options: DriveOptions) -> Any:
-        """Connect the client library; what receives the robot's states."""
+        """Connect the client library; returns the receiver of the robot's states."""
         # Loaded by the driver's process alone.
         import rtde_receive
 
@@ -190,7 +194,7 @@ class UrArm:
 
 
 class UrProgramArm(UrArm):
-    """One that its own program moves; see `ProgramArm`."""
+    """An arm that its own program moves; see `ProgramArm`."""
 
     def _connect(self, options: DriveOptions) -> Any:
         import rtde_io
@@ -207,20 +211,20 @@ class UrProgramArm(UrArm):
         except RuntimeError as error:
             raise _explain(error) from None
         if not is_taken:
-            raise ArmLostError("the robot takes no speed slider any more")
+            raise ArmLostError("the robot no longer accepts a speed slider")
 
     def pause(self) -> None:
         """Pause the program."""
         self._order("pause")
 
     def resume(self) -> None:
-        """Let the paused program go on."""
+        """Let the paused program continue."""
         self._order("play")
 
     def _order(self, line: str) -> None:
         for answer in self._dashboard.read_answers():
             if "not allowed" in answer:
-                raise ArmLostError(f"the robot is not in remote control any more: {answer}")
+                raise ArmLostError(f"the robot is no longer in remote control: {answer}")
         self._dashboard.order(line)
 
     def stop(self) -> None:
@@ -229,7 +233,7 @@ class UrProgramArm(UrArm):
             raise ArmLostError("no script reaches the robot: stop it by hand")
 
     def leave(self) -> None:
-        """Pause the program, unless none runs, and wait until the controller has read that."""
+        """Pause the program, if one runs, and wait until the controller has read the order."""
         self.scale(LEAST_SCALE)
         self._dashboard.read_answers()
         answer = self._dashboard.ask("pause")
@@ -240,9 +244,9 @@ class UrProgramArm(UrArm):
 
 
 class UrMotionArm(UrArm):
-    """One that follows positions by `servoJ`, in the library's own program; see `MotionArm`.
+    """An arm that follows positions by `servoJ`, in the library's own program; see `MotionArm`.
 
-    The controller ends that program where nothing has come from here for the longest silence.
+    The controller ends that program if it receives nothing for the longest silence.
     """
 
     def _connect(self, options: DriveOptions) -> Any:
@@ -261,7 +265,7 @@ class UrMotionArm(UrArm):
         return receive
 
     def read(self) -> ArmState | None:
-        """The newest state; at another speed than the full one `servoJ` follows nothing."""
+        """The newest state; `servoJ` moves the arm only at full speed."""
         state = super().read()
         if state is None or state.trouble or state.scale >= FULL_SCALE:
             return state
@@ -272,7 +276,7 @@ class UrMotionArm(UrArm):
     def is_braking(self) -> bool:
         """Whether it slows down: the library waits for it, in a thread."""
         if self._has_braked_in_vain:
-            raise ArmLostError("the robot does not take the order to brake")
+            raise ArmLostError("the robot does not accept the order to brake")
         return self._braking is not None and self._braking.is_alive()
 
     def follow(self, q: list[float]) -> None:
@@ -309,7 +313,7 @@ class UrMotionArm(UrArm):
 
 
 def _explain(error: Exception) -> ArmLostError:
-    """What the client library has said, as an error of ours."""
+    """Convert an error of the client library."""
     if "already in use" in str(error):
         return ArmLostError(
             "another client of the robot has the speed slider: end it (a fieldbus, or another "

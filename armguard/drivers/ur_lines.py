@@ -1,7 +1,7 @@
-"""The two ports of a Universal Robots controller that take lines: the dashboard, and scripts.
+"""The two ports of a Universal Robots controller that accept lines: dashboard and scripts.
 
-Plain sockets with timeouts: what stops the arm must work while the RTDE client hangs, and pausing a
-program must not hold up the joint states.
+Plain sockets with timeouts: a stop of the arm must work while the RTDE client hangs, and pausing a
+program must not delay the joint states.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TIMEOUT = 1.0
 
 _HEADER = struct.Struct(">HB")
 _VERSION_REQUEST = _HEADER.pack(5, ord("V")) + struct.pack(">H", 2)
-"""RTDE: that the second version of the protocol be spoken."""
+"""RTDE: request of version 2 of the protocol."""
 
 
 class Dashboard:
@@ -53,7 +53,7 @@ class Dashboard:
         return self._read_line()
 
     def order(self, line: str) -> None:
-        """Send a line, and wait for nothing.
+        """Send a line without waiting.
 
         Raises:
             ArmLostError: It cannot be sent.
@@ -65,7 +65,7 @@ class Dashboard:
             raise ArmLostError(f"{self._name} cannot be reached ({error.strerror})") from None
 
     def read_answers(self) -> list[str]:
-        """Answers that have arrived since.
+        """Answers since the last call.
 
         Raises:
             ArmLostError: It has ended the connection.
@@ -99,13 +99,13 @@ class Dashboard:
 
 
 def check_rtde(host: str) -> None:
-    """See that something at the port of RTDE speaks its second version.
+    """Check that the RTDE port supports version 2 of the protocol.
 
-    The client library waits without end for an answer, and ends its process where it does not
-    understand one, so this is asked first.
+    The client library waits for an answer without a timeout, and ends its process at an invalid
+    one, so this check comes first.
 
     Raises:
-        ArmLostError: Nothing does.
+        ArmLostError: It does not.
     """
     name = f"RTDE at {host}:{RTDE_PORT}"
     with _connect(host, RTDE_PORT, TIMEOUT) as connection:
@@ -117,11 +117,11 @@ def check_rtde(host: str) -> None:
         except OSError:
             raise ArmLostError(f"{name} does not answer") from None
     if answer != _HEADER.pack(4, ord("V")) + b"\1":
-        raise ArmLostError(f"{name} does not speak version 2 of the protocol")
+        raise ArmLostError(f"{name} does not support version 2 of the protocol")
 
 
 def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool:
-    """Stop the arm by a script of one line, which takes the place of the program that runs.
+    """Stop the arm by a script of one line, which replaces the running program.
 
     Args:
         host: Of the controller.
@@ -129,8 +129,8 @@ def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool
         timeout: How long to wait for a connection, in [s].
 
     Returns:
-        Whether it could be sent. The controller gives no answer: only joint states show whether it
-        has obeyed.
+        Whether it could be sent. The controller does not answer: only joint states show whether it
+        obeys.
     """
     try:
         with _connect(host, SCRIPT_PORT, timeout) as connection:

@@ -1,8 +1,8 @@
-"""Watches a driver's process: stops the robot and starts another process where it hangs or ends.
+"""Watches a driver's process: if it hangs or ends, stops the robot and starts another process.
 
-The client library of a robot hangs on one that is silent, and ends its process on data that it
-does not understand. So each connection is a process of its own, and this one needs neither the
-library nor the robot's answers to stop the arm.
+The client library hangs if a robot is silent, and ends its process on invalid data. So each
+connection is a separate process, and this one stops the arm without the library or the robot's
+answers.
 """
 
 from __future__ import annotations
@@ -26,37 +26,37 @@ from armguard.drivers.stop_alone import stop_alone
 from armguard.exceptions import ArmguardError
 
 CONNECT_TIMEOUT = 20.0
-"""Silence of one that connects, in [s]; it ends itself a little sooner."""
+"""Greatest silence of a process that connects, in [s]; it ends itself a little earlier."""
 
 RETRY = 0.5
 """Between the end of a process and the start of the next, in [s]."""
 
 END_TIMEOUT = 2.0
-"""How long a process may take to end when it is told to, in [s]."""
+"""How long a process may take to end after a signal, in [s]."""
 
 _LIBRARIES = {
     "ur": ("ur_rtde", "rtde_receive", "ur"),
     "franka": ("pylibfranka", "pylibfranka", "franka"),
     "ros2": ("cyclonedds", "cyclonedds", "dds"),
 }
-"""By driver: its library, a module of that, and the extra that brings it."""
+"""By driver: its library, a module of the library, and the extra that installs it."""
 
 _TOLD = 100
-"""How many different lines of processes that connect are told once."""
+"""Number of different lines of connecting processes that are reported once."""
 
 _WAIT = 0.05
 _LONGEST_LINE = 65536
 
 
 class Report(msgspec.Struct):
-    """What all processes of a driver have done."""
+    """Counts of all processes of a driver."""
 
     counts: Counts
     """Sums, and the longest of each duration."""
     connections: int = 0
     """Processes that drove."""
     lost: int = 0
-    """Times at which the robot was lost, or the process ended or hung."""
+    """Number of times that the robot was lost, or the process ended or hung."""
     measured: str = ""
     """Lines of a measurement."""
     problem: str = ""
@@ -64,7 +64,7 @@ class Report(msgspec.Struct):
 
 
 class _Driver:
-    """One process of a driver, and what it has told."""
+    """One process of a driver, and its messages."""
 
     def __init__(self, options: DriveOptions) -> None:
         reading, writing = os.pipe()
@@ -96,7 +96,7 @@ class _Driver:
         self._received = {self.link: b"", self.library: b""}
 
     def read(self, timeout: float) -> list[tuple[str, str]]:
-        """Words and texts that have come, waiting up to `timeout` [s] for them."""
+        """Received words and texts, after a wait of up to `timeout` [s]."""
         found = []
         open_ones = list(self._received)
         for descriptor in select.select(open_ones, [], [], timeout if open_ones else 0.0)[0]:
@@ -150,7 +150,7 @@ def watch(
     is_ending: Callable[[], bool],
     duration: float,
 ) -> Report:
-    """Drive a robot until the end, by as many processes as it takes.
+    """Drive a robot until the end, by as many processes as necessary.
 
     Args:
         options: What to drive.
@@ -159,7 +159,7 @@ def watch(
         duration: How long to drive at most, in [s].
 
     Returns:
-        What was done.
+        Counts.
 
     Raises:
         ArmguardError: Another robot answers than the cell file names.
@@ -209,13 +209,13 @@ def _attend(
     told: deque[str],
     is_over: Callable[[], bool],
 ) -> int:
-    """Attend one process until it ends, by itself or from here. Returns its exit code."""
+    """Watch one process until it ends. Returns its exit code."""
     while driver.process.poll() is None:
         for word, text in driver.read(_WAIT):
             _take(driver, word, text, report, tell, told)
         if driver.is_hanging:
             driver.process.kill()
-            _stop(options, "the driver's process hung, and was ended", tell)
+            _stop(options, "the driver's process hung and was killed", tell)
             return LOST
         if is_over():
             driver.process.terminate()
@@ -229,9 +229,9 @@ def _attend(
     elif code not in (0, WRONG_ARM, LOST):
         # Nothing else can stop the arm now, also where it was told to end.
         how = "while it drove" if driver.is_driving else "while it connected"
-        cause = f"the driver's process has ended by itself {how}"
+        cause = f"the driver's process ended unexpectedly {how}"
         if code == -signal.SIGALRM:
-            cause += ", since the robot did not answer the client library"
+            cause += ", because the robot did not answer the client library"
         _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
@@ -239,7 +239,7 @@ def _attend(
 
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
-    """Stop the arm without the driver's process, and tell why."""
+    """Stop the arm without the driver's process, and report why."""
     tell(f"{cause}: {stop_alone(options)}")
 
 
@@ -251,7 +251,7 @@ def _take(
     tell: Callable[[str], None],
     told: deque[str],
 ) -> None:
-    """Take a line of the driver's; of lines that are told again and again one is enough."""
+    """Process a line of the driver; repeated lines are reported once."""
     if word == DRIVING:
         driver.is_driving = True
     elif word == COUNTS:
@@ -261,7 +261,7 @@ def _take(
         try:
             failed, measured = msgspec.json.decode(text, type=tuple[bool, str])
         except msgspec.DecodeError:
-            failed, measured = True, "what was measured arrived in part"
+            failed, measured = True, "the measurement arrived incompletely"
         report.problem, report.measured = (measured, "") if failed else ("", measured)
     elif word == WRONG:
         driver.problem = text

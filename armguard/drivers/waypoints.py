@@ -1,6 +1,6 @@
-"""A program for robots that have none: straight ways in joint space, from waypoint to waypoint.
+"""A program for robots that have none: straight paths in joint space, from waypoint to waypoint.
 
-The arm rests at each waypoint, and begins anew after the last one.
+The arm rests at each waypoint, and starts again after the last one.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class Waypoints:
-    """Where a program has the joints, period by period.
+    """Joint positions of a program, period by period.
 
     Args:
-        waypoints: To be gone through, in [rad]. Shape (n, nv).
-        velocities: Of the joints at most, in [rad/s]. Shape (nv,).
-        accelerations: With which they speed up at most, in [rad/s²]. Shape (nv,).
-        deceleration: With which no joint slows down harder, in [rad/s²].
+        waypoints: Joint positions, in [rad]. Shape (n, nv).
+        velocities: Velocity limits of the joints, in [rad/s]. Shape (nv,).
+        accelerations: Acceleration limits of the joints, in [rad/s²]. Shape (nv,).
+        deceleration: Greatest deceleration of a joint, in [rad/s²].
         period: In [s].
     """
 
@@ -39,7 +39,7 @@ class Waypoints:
         self._next = 0
 
     def begin(self, q: ArrayLike) -> None:
-        """Rest here, and go on to the waypoint that is next.
+        """Rest here, and continue to the next waypoint.
 
         Args:
             q: Where the joints are, in [rad]. Shape (nv,).
@@ -53,10 +53,10 @@ class Waypoints:
         self._place = self.pace = 0.0
 
     def advance(self, fraction: float) -> NDArray[np.float64]:
-        """Where the joints are to be a period later, in [rad]. Shape (nv,).
+        """Joint positions one period later, in [rad]. Shape (nv,).
 
         Args:
-            fraction: Of its speed that the program gets, from 0 to 1; 0: slow down to rest.
+            fraction: Fraction of the program's speed, from 0 to 1; 0: slow down to rest.
         """
         # From the pace p, less by c in each period T, it comes to rest after T (p² / 2c + p / 2).
         change = self._slowing_down * self._period

@@ -5,19 +5,19 @@ times h1 and h2 apart and r = h2 / h1, the second difference
 
     |x2 - x1 - r (x1 - x0)| <= A h2 (h1 + h2) / 2 + (2 + 2 r) dp
 
-if no position is off by more than dp. So each three consecutive samples prove that some position
-was off by (what is observed - A h2 (h1 + h2) / 2) / (2 + 2 r) at the least. Two prove the same of
-the later one's velocity, by |v1 - (x1 - x0) / h1| <= A h1 / 2 + 2 dp / h1 + dv.
+if no position error exceeds dp. So three consecutive samples prove that some position error is at
+least (second difference - A h2 (h1 + h2) / 2) / (2 + 2 r). Two samples prove the same of the later
+velocity, by |v1 - (x1 - x0) / h1| <= A h1 / 2 + 2 dp / h1 + dv.
 
-Of these proved errors a running median is kept: from the least of the first ten samples on it goes
-up by 2 % where the next one is above it, and else down. After 50 samples, errors larger than stated
-are reported while the median is above 1.5 times the stated error. A body that keeps its bounds and
-errors is never reported, since none of its proved errors is above the stated one; nor, but for
-chance, is one of whose samples fewer than half are swapped or jump (a jump spoils three): with
-three in ten spoiled, the median stands at one and a half times in less than one sample of
-10,000,000. One that breaks its acceleration bound all the time does look like one with larger
-errors. What is proved is below what the errors are: noise that is normal with a deviation of s
-along each axis comes out at 0.9 s or so.
+armguard keeps a running median of these proved errors. It starts at the least of the first ten
+samples, rises by 2 % if the next proved error is above it, and falls otherwise. After 50 samples,
+errors larger than stated are reported while the median is above 1.5 times the stated error. A body
+that keeps its bounds and errors is never reported, since none of its proved errors is above the
+stated error. A body with less than half of its samples spoiled by swaps or jumps is very rarely
+reported (a jump spoils three): with three in ten spoiled, the median exceeds 1.5 times the stated
+error in less than one sample of 10,000,000. A body that always breaks its acceleration bound looks
+like one with larger errors. Proved errors are below true errors: normal noise with a deviation of s
+along each axis gives about 0.9 s.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ BEGINNING = 10
 """Samples of which a running median begins with the least proved error."""
 
 FORGOTTEN_AFTER = 1.0
-"""A sample so much older than the last one, in [s], or so much newer, begins anew."""
+"""A sample that is older or newer than the last one by more than this, in [s], starts anew."""
 
 LEAST_ERROR = 1e-9
 """Below the resolution of positions and velocities, in [m] and [m/s], medians stay as they are."""
 
 
 class Spreads(NamedTuple):
-    """What is kept of each row's last samples."""
+    """State of each row's last samples."""
 
     last: FloatArray
     """Points of the last sample, [m]. Shape (rows, width, 3)."""
@@ -77,13 +77,13 @@ class Spreads(NamedTuple):
     samples: IntArray
     """Since this began, at most `FEWEST_SAMPLES`. Shape (rows,)."""
     is_wide: BoolArray
-    """Whether there is something to tell of a row. Shape (rows,)."""
+    """Whether a row is to be reported. Shape (rows,)."""
     wide_count: IntArray
     """How many rows that is. Shape (1,)."""
 
 
 def make_spreads(rows: int, width: int) -> Spreads:
-    """Room for so many rows of bodies of at most `width` points, of which nothing is known."""
+    """Memory for this many rows of bodies of at most `width` points, without samples."""
     fields: dict[str, tuple[type, tuple[int, ...]]]
     fields = {"last": (float, (width, 3)), "step": (float, (width, 3))}
     fields |= dict.fromkeys(Spreads._fields[2:9], (float, ()))
@@ -93,7 +93,7 @@ def make_spreads(rows: int, width: int) -> Spreads:
 
 
 def resize_spreads(spreads: Spreads, rows: int, width: int) -> Spreads:
-    """The same with more rows, or room for more points; what is not in use takes no memory."""
+    """The same with more rows or points; unused parts take no memory."""
     resized = make_spreads(rows, width)
     known = np.flatnonzero(spreads.samples)
     for before, after in zip(spreads[:-1], resized[:-1], strict=True):
@@ -115,13 +115,13 @@ def forget_spread(spreads: Spreads, row: int) -> None:
 
 
 def describe_spread(spreads: Spreads, row: int, name: str) -> str:
-    """What was found of a row, and what is stated of it."""
+    """The proved error of a row and its stated error."""
     stated = max(spreads.position_error[row], spreads.last_error[row])
     found = spreads.position[row]
     if found > TOLD_BEYOND * stated:
-        return f"the spread of {name} is {1e3 * found:.3g} mm, {1e3 * stated:.3g} mm were promised"
+        return f"the spread of {name} is {1e3 * found:.3g} mm, stated {1e3 * stated:.3g} mm"
     found, stated = spreads.velocity[row], spreads.velocity_error[row]
-    return f"velocities of {name} are off by {found:.3g} m/s, {stated:.3g} m/s were promised"
+    return f"velocities of {name} are off by {found:.3g} m/s, stated {stated:.3g} m/s"
 
 
 @merged_kernel
@@ -139,7 +139,7 @@ def _follow_median(median: float, value: float, known: int) -> float:
 
 @merged_kernel
 def _find_excess(square: float, room: float) -> float:
-    """By how much a length, of which the square is told, is beyond what there is room for."""
+    """By how much a length, given by its square, exceeds the allowed length."""
     if room > 0.0 and square < room * room:
         return 0.0
     return max(0.0, math.sqrt(square) - room)
@@ -147,7 +147,7 @@ def _find_excess(square: float, room: float) -> float:
 
 @merged_kernel
 def follow_spread(spreads: Spreads, row: int, sample: Record) -> None:
-    """Take in a sample that can be reckoned with, believed or not; late ones tell nothing.
+    """Use a valid sample, accepted or not; late ones are ignored.
 
     Args:
         spreads: Written.

@@ -1,8 +1,8 @@
-"""What a monitor was told and what it answered, in a file, and the same again from it.
+"""Records the inputs and answers of a monitor in a file, and replays the file.
 
-A `Recorder` writes from a process of its own; `replay` steps a monitor made anew through a
-recording, and compares its verdicts to the bit; `verify` finds what was changed in the file since.
-All need the extra `record`.
+A `Recorder` writes from a separate process. `replay` steps a new monitor through a recording and
+checks that the verdicts are bit-identical. `verify` finds later changes of the file. All need the
+extra `record`.
 """
 
 from armguard.recording.parts import Rotation

@@ -1,7 +1,7 @@
-"""Whether the proofs of a recording agree with the verdicts, settings and arm beside them.
+"""Checks that proofs of a recording agree with its verdicts, settings and arm.
 
-A proof that holds may still be about something else: another tick, another pair, an arm with other
-limits. That is found here, with armguard's own code; whether a proof holds is for `armguard_check`.
+A valid proof may be about another tick, another pair or an arm with other limits. This module finds
+that with armguard's own code; `armguard_check` checks whether a proof holds.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from armguard.robot.portable import RestoredRobot
 from armguard.verdict import BRAKE, Level
 
 SETTINGS = "period", "latency", "reaction_time", "margin"
-"""What proofs repeat of the settings."""
+"""Settings that proofs repeat."""
 
 ROUNDING = 1e-9
-"""What levers and reaches that are computed on another machine may be off by, as a share."""
+"""Allowed difference of levers and reaches computed on another machine, as a share."""
 
 STOP_ROUNDING = 1e-6
-"""What the end of a tube may be beyond the stop time, as a share."""
+"""By how much the end of a tube may exceed the stop time, as a share."""
 
 
 class Agreement:
-    """Is told all events of a recording in order, and compares its proofs.
+    """Takes all events of a recording in order, and compares its proofs.
 
     Args:
         recording: The recording.
@@ -73,7 +73,7 @@ class Agreement:
         """Take in an event.
 
         Returns:
-            What a proof contradicts; empty: nothing, or the event is no proof.
+            The contradiction, in words; empty: none, or the event is no proof.
 
         Raises:
             ArmguardError: It is about a payload or bodies that the arm cannot have.
@@ -99,10 +99,10 @@ class Agreement:
     def _compare(self, proof: Proof) -> Iterator[str]:
         state, verdict = self._state, self._verdict
         if state is None or verdict is None or verdict.sequence != proof.sequence:
-            yield "the verdict of its tick does not stand before it"
+            yield "the verdict of its tick does not precede it"
             return
         if verdict.configuration not in (None, self._configuration):
-            yield f"its verdict is of configuration {verdict.configuration}, not of the recording's"
+            yield f"its verdict has configuration {verdict.configuration}, not the recording's"
         of_verdict = {key: getattr(verdict, key) for key in ("stamp", "level", "link", "obstacle")}
         of_state = {key: np.frombuffer(getattr(state, key)).tolist() for key in ("q", "v")}
         of_settings = {key: getattr(self._settings, key) for key in SETTINGS}
@@ -115,13 +115,13 @@ class Agreement:
                 if getattr(proof, key) != value:
                     yield f"{key} is {getattr(proof, key)}, that of the {beside} is {value}"
         if proof.max_speed not in self._speeds:
-            yield f"max_speed is {proof.max_speed}, which no contact limit comes to"
+            yield f"max_speed is {proof.max_speed}, which no contact limit permits"
         brakes = "this" if verdict.level == Level.STOP.name else "next"
         for motion in proof.motions:
             if motion.told == "never":
                 continue
             if motion.told != brakes or verdict.stop not in (None, BRAKE):
-                yield f"it is about an arm that brakes by {motion.told} verdict; its verdict is not"
+                yield f"its arm brakes after {motion.told} verdict; its own verdict differs"
             stop_time = verdict.stop_time
             if stop_time is not None and motion.times[-1] > stop_time * (1.0 + STOP_ROUNDING):
                 yield f"the arm rests in {motion.times[-1]} s, by the verdict in {stop_time} s"
@@ -142,7 +142,7 @@ class Agreement:
         cover = proof.cover
         nodes = [ball.node for ball in cover.balls]
         if cover.link not in links or not all(0 <= node < len(cover.parents) for node in nodes):
-            yield "its cover is of no link of the recorded arm"
+            yield "its cover belongs to no link of the recorded arm"
             return
         own = self._parts[0].describe_cover(cover.link, links.index(cover.link), nodes)
         if not _holds(cover, own):

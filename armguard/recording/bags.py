@@ -1,4 +1,4 @@
-"""Recordings of others as input: rosbag2 folders and MCAP files, without ROS.
+"""Recordings of other programs as input: rosbag2 folders and MCAP files, without ROS.
 
 Joint states become steps, and what perception published becomes obstacles, as
 `armguard.bridges.messages` reads them.
@@ -28,32 +28,33 @@ from armguard.monitor.monitor import Monitor
 from armguard.recording.replay import ReplayedTick
 
 FARTHEST_STAMP = 10.0
-"""A stamp that is farther from when its message was recorded, in [s], is of another clock."""
+"""Greatest difference of a stamp and the time of recording, in [s]; beyond it the clock is another
+one."""
 
 
 class BagInputs(NamedTuple):
-    """What of a recording of others is input, and how it is read."""
+    """Which topics of another program's recording are input, and how they are read."""
 
     topics: Sequence[str]
     """Each as "/topic" or "source=/topic": one of joint states, and any number of obstacles. A
     source that is not named has the name of its topic."""
     radius: float | None = None
-    """Of what comes as poses alone, in [m]; None: such topics are refused."""
+    """Radius of bodies that have only poses, in [m]; None: such topics are refused."""
     snapshot: bool = False
-    """Whether each message shows all that its source sees, so that what is absent is removed."""
+    """Whether each message shows all bodies that its source sees, so absent ones are removed."""
     stamps: Literal["header", "recorded"] = "header"
     """Whether states were measured when their headers say, or when they were recorded."""
 
 
 class BagRun:
-    """Leads a monitor through a recording of others.
+    """Steps a monitor through a recording of another program.
 
     Each joint state is a step, at the time at which it was recorded.
 
     Args:
         path: A rosbag2 folder, or one of its files, or an MCAP file of ROS 2 messages.
-        monitor: Is stepped; its table is written.
-        inputs: What of it is input.
+        monitor: The monitor to step; its table is changed.
+        inputs: Its input topics.
 
     Raises:
         ArmguardError: The recording cannot be read, lacks a topic, or has it in a type that is no
@@ -102,7 +103,7 @@ class BagRun:
         return found
 
     def ticks(self) -> Iterator[ReplayedTick]:
-        """Lead the monitor through the recording, joint state by joint state.
+        """Step the monitor through the recording, joint state by joint state.
 
         Raises:
             ArmguardError: A message cannot be used.
@@ -152,7 +153,7 @@ class BagRun:
             reader.open()
         except FileNotFoundError:
             raise ArmguardError(
-                str(self._path), "is not there, or a folder without metadata.yaml"
+                str(self._path), "does not exist, or is a folder without metadata.yaml"
             ) from None
         except (*damage, sqlite3.DatabaseError, struct.error) as error:
             raise ArmguardError(
@@ -191,7 +192,7 @@ class BagRun:
                 f"topic {topic!r}",
                 f"has a stamp {stamp - now:.6g} s from when it was recorded",
                 expected=f"at most {FARTHEST_STAMP:g} s",
-                remedy="with --stamps recorded the time of recording stands for it",
+                remedy="--stamps recorded uses the time of recording instead",
             )
         return stamp
 
@@ -221,7 +222,7 @@ class BagRun:
 
     @contextlib.contextmanager
     def _naming(self) -> Iterator[None]:
-        """Whatever cannot be used is told with the recording that has it."""
+        """Add the name of the recording to errors."""
         try:
             yield
         except ArmguardError as error:
@@ -234,5 +235,5 @@ class BagRun:
 
 
 def _shorten(error: Exception) -> str:
-    """The first line of what an error says; its name where it says nothing."""
+    """The first line of an error's message; its name if the message is empty."""
     return str(error).partition("\n")[0] or type(error).__name__

@@ -1,11 +1,11 @@
 """A chain of digests through a recording, by which changes of the file are found.
 
-Behind each chunk stands a *link*, a metadata record that readers of MCAP files pass over. A link
+A *link* follows each chunk: a metadata record that readers of MCAP files ignore. A link
 holds the SHA-256 of all bytes since the link before, and the *head* of that link, the SHA-256 of
-what it says [HaberStornetta1991]_. So each head stands for all bytes before it. The last link of a
-file also holds the SHA-256 of the bytes behind it, the index and the end.
+its content [HaberStornetta1991]_. So each head covers all bytes before it. The last link of a file
+also holds the SHA-256 of the bytes behind it, the index and the end.
 
-Whoever can write the file can make another chain. A signature of each head shows who made it
+Anyone who can write the file can make another chain. A signature of each head shows who made it
 (`signing`).
 """
 
@@ -21,7 +21,7 @@ LINK = "armguard.link"
 """Name of the metadata records that are links."""
 
 FIRST = ""
-"""What the first link of a run holds in place of the head before it."""
+"""Value in the first link of a run instead of the previous head."""
 
 _DIGEST_LENGTH = hashlib.sha256().digest_size * 2
 _SIGNATURE_LENGTH = 2 * 64
@@ -29,17 +29,17 @@ _SIGNATURE_LENGTH = 2 * 64
 
 
 class Link(NamedTuple):
-    """What a link says."""
+    """Content of a link."""
 
     part: int
     """Number of the file in its run, from 1."""
     chunk: int
-    """Number of the chunk in its file, from 1; 0: what stands in front of all chunks. The last
-    link counts on, and has no chunk."""
+    """Number of the chunk in its file, from 1; 0: the part before all chunks. The last link has the
+    next number and no chunk."""
     begin: int
     """When the first message of the chunk came, in [ns] since 1970."""
     end: int
-    """When its last message came, alike."""
+    """When its last message came, in [ns] since 1970."""
     content: str
     """SHA-256 of the bytes since the link before."""
     before: str
@@ -55,7 +55,7 @@ class Link(NamedTuple):
 
     @property
     def head(self) -> str:
-        """SHA-256 of what the link says, without its signature."""
+        """SHA-256 of the link's content, without its signature."""
         fields = self._replace(signature="")._asdict()
         return hashlib.sha256(msgspec.json.encode(fields, order="deterministic")).hexdigest()
 
@@ -71,7 +71,7 @@ def read_link(record: bytes) -> Link | None:
         record: The content of the record, without opcode and length.
 
     Raises:
-        Exception: It is a link that nobody wrote in this form.
+        Exception: It is a malformed link.
     """
     from mcap.data_stream import ReadDataStream
     from mcap.records import Metadata
@@ -97,7 +97,7 @@ def _write_record(link: Link) -> bytes:
 
 
 class File(Protocol):
-    """What takes the bytes of a recording."""
+    """A sink for the bytes of a recording."""
 
     def write(self, data: bytes) -> int:
         """Take bytes; how many were taken."""
@@ -109,7 +109,7 @@ class File(Protocol):
 
 
 class Signer(Protocol):
-    """What signs heads."""
+    """Signs heads."""
 
     @property
     def public(self) -> str:
@@ -122,7 +122,7 @@ class Signer(Protocol):
 
 
 class ChainedFile:
-    """Stands between a writer of MCAP and its file, and has links written.
+    """A file for a writer of MCAP that adds links.
 
     Args:
         file: Takes the bytes.
@@ -140,7 +140,7 @@ class ChainedFile:
         self._content = hashlib.sha256()
         self._chunk = 0
         self._held: bytearray | None = None
-        """Bytes from the last link on, which are kept back until their digest is in it."""
+        """Bytes after the last link, held until the next link has their digest."""
 
     def write(self, data: bytes) -> int:
         """Take bytes of the writer's."""
@@ -164,7 +164,7 @@ class ChainedFile:
         Args:
             writer: The writer of MCAP, whose chunk is ended.
             begin: When the chunk's first message came, in [ns] since 1970.
-            end: When its last message came, alike.
+            end: When its last message came, in [ns] since 1970.
         """
         link = self._sign(self._make_link(begin, end))
         writer.add_metadata(LINK, link.to_fields())

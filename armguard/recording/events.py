@@ -1,4 +1,4 @@
-"""What stands in a recording: messages of the wire, and what the wire has not.
+"""Content of a recording: messages of the wire, and further events.
 
 Stamps are in the monitor's time, and arrays are packed as on the wire. `json_form` says how
 messages stand in the file.
@@ -32,7 +32,7 @@ from armguard.messages.incoming import (
 from armguard.messages.proof import Proof
 
 FORMAT = 4
-"""Of recordings; a reader refuses those of another one."""
+"""Format of recordings; a reader refuses other formats."""
 
 
 class JointState(JointsMessage, tag="joints", kw_only=True):
@@ -43,25 +43,25 @@ class JointState(JointsMessage, tag="joints", kw_only=True):
 
 
 class MalformedState(Message, tag="malformed_state"):
-    """Arguments of a step of which no arrays of numbers could be made."""
+    """Arguments of a step that are not arrays of numbers."""
 
     stamp: float
     """[s]."""
     subject: str
     """Which of them."""
     problem: str
-    """What was found, and what was expected."""
+    """The problem, and what was expected."""
     now: float
     """Time of the tick, in [s]."""
 
 
 class MalformedPlan(Message, tag="malformed_plan"):
-    """What was to be committed, and was no plan that could be read."""
+    """An argument of `commit` that is no readable plan."""
 
     subject: str
     """The plan, or one of its fields."""
     problem: str
-    """What was found, and what was expected."""
+    """The problem, and what was expected."""
 
 
 class Link(msgspec.Struct):
@@ -80,7 +80,7 @@ class BodiesChanged(Message, tag="bodies", kw_only=True):
 
 
 class Gap(Message, tag="gap", kw_only=True):
-    """Messages that were lost here, since what writes the file did not keep up."""
+    """Messages that were lost here, because the writer process was too slow."""
 
     events: int
     seconds: float
@@ -143,5 +143,5 @@ NUMBERS = {kind: number for number, kind in enumerate(KINDS)}
 
 
 def schema_name(kind: type[Event]) -> str:
-    """What the schema of a kind of message is called."""
+    """Name of the schema of a kind of message."""
     return "foxglove.Log" if kind is Log else f"armguard.{kind.__name__}"

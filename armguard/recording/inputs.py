@@ -1,7 +1,7 @@
-"""What a step and a plan were given, as messages, and as arguments again.
+"""Arguments of steps and plans as messages, and back.
 
-A monitor takes whatever comes. Arrays of numbers are kept to the bit. Of what was none, or was no
-plan, the reason is kept for which a monitor refuses it, and is refused with again.
+A monitor accepts any arguments. Arrays of numbers are recorded bit-identically. For other
+arguments, the recording has the reason of the refusal, and the replay refuses with that reason.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def restore_state(message: JointState | MalformedState) -> tuple[float, Any, Any
 
 
 def make_plan(joints: list[str], number: int, plan: object) -> PlanMessage | MalformedPlan:
-    """The message of a plan, or of whatever stood in its place.
+    """The message of a plan, or of another object in its place.
 
     Args:
         joints: Names of the robot's joints.
@@ -72,7 +72,7 @@ def make_plan(joints: list[str], number: int, plan: object) -> PlanMessage | Mal
 
 
 def restore_plan(message: PlanMessage | MalformedPlan) -> Any:
-    """What a monitor answers like what `make_plan` was given; a `Plan` unless that was none.
+    """An argument that a monitor answers like the argument of `make_plan`.
 
     Raises:
         MessageError: Fields of a plan do not fit each other.

@@ -1,4 +1,4 @@
-"""What the loop hands to the process that writes: options at its start, and messages as bytes."""
+"""Data from the loop to the writer process: options at its start, and messages as bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HEADER = struct.Struct("<Bq")
 
 
 class WriterOptions(msgspec.Struct, frozen=True):
-    """What the process that writes is told beside its descriptors."""
+    """Options of the writer process."""
 
     path: str
     """The first file."""

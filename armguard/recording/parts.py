@@ -1,4 +1,4 @@
-"""The files of one run: a long recording goes on in further parts, and old ones are removed.
+"""The files of one run: a long recording continues in further parts, and old ones are removed.
 
 Part 1 of run.mcap is that file itself, and the others are run.2.mcap, run.3.mcap and so on.
 """
@@ -37,7 +37,7 @@ class Rotation(NamedTuple):
     """How long a file is kept after its last change at least, in [s]; None: for ever."""
 
     def check(self) -> None:
-        """Refuse times and sizes that are none.
+        """Refuse unusable times and sizes.
 
         Raises:
             ArmguardError: One is not above 0.
@@ -70,10 +70,10 @@ def find_part(path: Path, part: int, number: int) -> Path:
 
 
 def open_file(path: Path) -> int:
-    """Open a file for writing, and see to it that a power cut leaves its name; its descriptor.
+    """Open a file for writing such that its name survives a power cut; returns its descriptor.
 
     Raises:
-        OSError: It cannot be.
+        OSError: The file cannot be opened.
     """
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
     folder = os.open(path.parent, os.O_RDONLY | os.O_CLOEXEC)
@@ -85,17 +85,16 @@ def open_file(path: Path) -> int:
 
 
 def remove_old(path: Path, part: int, keep: float) -> Iterator[str]:
-    """Remove recordings that were kept for long enough; their names.
+    """Remove recordings that are older than `keep`; returns their names.
 
     These are earlier parts of the present run and, where that is named by the time, as runs are
     that record into a folder, all earlier files of the folder that are.
 
-    The clock of the day may be wrong, and jump. So the age of a file is the sum of the steps from
-    its last change to that of the next file, and so on to the present. Each step counts for a tenth
-    of `keep` at most, one back in time for nothing, and the longest not at all. One jump therefore
-    makes no file older, and each further one by a tenth of `keep` at most; ten files stay in any
-    case. By the clock a file must be as old as well, and its own time must be one of a clock that
-    was set.
+    The system clock may be wrong and may jump. So the age of a file is the sum of the time steps
+    from its last change through later files to the present. Each step counts for a tenth of `keep`
+    at most, a step back for nothing, and the longest not at all. So one jump makes no file older,
+    and each further jump adds at most a tenth of `keep`; ten files always stay. By the clock a file
+    must be as old too, and its time must be after 2026.
 
     Args:
         path: The present part, which stays.

@@ -1,7 +1,7 @@
-"""Reads a recording, through all its files: up to its end, or as far as it goes.
+"""Reads a recording through all its files, up to its end or its last whole record.
 
 A file whose writer was killed has no end. It is read from the front, record by record, up to the
-last that is whole, and so needs no index.
+last whole one, so it needs no index.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from armguard.recording.parts import find_part
 from armguard.recording.recorder import check_installed
 
 LONGEST_RECORD = 256 * 1024 * 1024
-"""Bytes; what is said to be longer is damaged."""
+"""Longest record, in bytes; a longer one is damaged."""
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -51,8 +51,8 @@ class Recording:
 
     Attributes:
         path: The file.
-        provenance: What the recorded verdicts rest on; see `provenance.NAMES`.
-        settings: What the monitor and its table were made with.
+        provenance: Versions and machine of the recorded verdicts; see `provenance.NAMES`.
+        settings: Settings of the monitor and its table.
         robot: The arm, as plain data.
         is_cut_off: Whether the file ends without an end, or the file in which it goes on is
             missing; known once all events were read.
@@ -85,8 +85,8 @@ class Recording:
             raise ArmguardError(
                 str(self.path),
                 "is no recording of armguard",
-                expected="what --record wrote",
-                remedy="recordings of others need --cell and --topics",
+                expected="a file from --record",
+                remedy="recordings of other programs need --cell and --topics",
             )
         try:
             self.settings: dict[str, Any] = msgspec.json.decode(attached["settings.json"])
@@ -94,7 +94,7 @@ class Recording:
         except (KeyError, ValueError):
             raise ArmguardError(
                 str(self.path),
-                "ends before what the monitor was made with",
+                "ends before the settings of the monitor",
                 expected="a recording that was written for at least a second",
             ) from None
 
@@ -140,7 +140,7 @@ class Recording:
             raise ArmguardError(
                 str(self.path),
                 f"is part {part} of a recording",
-                expected="its first part, from which on a replay needs all",
+                expected="its first part: a replay needs all parts",
                 remedy="`armguard replay --verify` takes any part",
             )
 
@@ -179,7 +179,7 @@ class Recording:
                     yield Metadata.read(stream)
                 elif opcode == Opcode.ATTACHMENT:
                     if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
-                        raise ValueError("an attachment has another check sum")
+                        raise ValueError("an attachment has a wrong check sum")
                     yield Attachment.read(stream)
                 elif opcode == Opcode.CHUNK:
                     yield from breakup_chunk(Chunk.read(stream), validate_crc=True)

@@ -1,9 +1,9 @@
 """`Recorder`: writes all that reaches a monitor, and all that it answers, from another process.
 
-What happens in the loop is to write bytes into memory that both processes share. It never waits:
-where the other process does not keep up, as with a slow disk, events are lost, counted, and a gap
-is recorded in their place. The other process ends with this one, however that ends, and writes what
-was told until then.
+The loop only writes bytes into memory that both processes share. It never waits: if the other
+process is too slow, as with a slow disk, events are lost and counted, and a gap is recorded in
+their place. The other process ends when this one ends, for any reason, and first writes all events
+so far.
 """
 
 from __future__ import annotations
@@ -55,19 +55,19 @@ CAPACITY = 32 * 1024 * 1024
 """Bytes that wait for the disk at most: a minute and more of a usual cell."""
 
 PROOF_INTERVAL = 0.1
-"""Between two verdicts that are proved, in [s]."""
+"""Time between two verdicts that are proved, in [s]."""
 
 START_TIMEOUT = 60.0
-"""How long the process that writes may take to start, in [s]; the end waits for it."""
+"""How long the writer process may take to start, in [s]; the end waits for it."""
 
 SILENT_TIMEOUT = 2.0
-"""How long the process that writes may show no sign of life while it goes on, in [s]."""
+"""How long the running writer process may show no sign of life, in [s]."""
 
 STUCK_TIMEOUT = 10.0
-"""How long the disk may hold up that process at the end, in [s], before it is ended."""
+"""How long the disk may delay that process at the end, in [s], before armguard ends it."""
 
 MOST_PENDING = 1000
-"""What is left to be written when there is time; where more comes in one tick, it is written."""
+"""Greatest number of deferred events; further events of a tick are written at once."""
 
 
 _Entry = tuple[int, Callable[..., Event], tuple[Any, ...]]
@@ -79,25 +79,25 @@ class Recorder:
 
     It is a context, which is left with a `RuntimeWarning` if the file is not complete.
 
-    It begins when it is made: before the first step of the monitor, and before any obstacle is
-    told but those that stand still for ever. From then on it is told by the monitor and its table
-    themselves. Nothing that goes wrong with the file reaches the monitor.
+    It begins when it is made. This must be before the first step of the monitor and before any
+    obstacle is reported, except statics. From then on the monitor and its table report to it. No
+    problem of the file reaches the monitor.
 
     Args:
         path: The file, which must not exist yet; or a folder, for a file named by the time.
-        monitor: Whose inputs and verdicts are written.
-        capacity: Bytes that may wait for the disk; what comes beyond is lost, and a gap is written.
-        proof_interval: Between two proofs of verdicts that are not CLEAR, in [s], at least; inf:
-            none is written.
+        monitor: The monitor whose inputs and verdicts are written.
+        capacity: Bytes that may wait for the disk; further events are lost, and a gap is written.
+        proof_interval: Least time between two proofs of verdicts that are not CLEAR, in [s]; inf:
+            no proofs.
         key: Secret file of the key that signs the file, as `armguard keys new --recordings` writes
             it; None: it is not signed.
         rotation: When the recording goes on in another file, and how long files are kept.
-        configuration: Digest of what the monitor was made with; None: that of the monitor itself.
+        configuration: Digest of the monitor's configuration; None: that of the monitor itself.
 
     Attributes:
         path: The file; the first one, where the recording goes on in others.
-        lost: Events so far that were lost.
-        pid: The process that writes the file.
+        lost: Number of events lost so far.
+        pid: Id of the writer process.
 
     Raises:
         ArmguardError: The file cannot be written, the monitor or its table is in use already or
@@ -131,7 +131,7 @@ class Recorder:
         self._stepping = False
         self._defers = False
         self._pending: deque[_Entry] = deque()
-        """What is still to be written, in order."""
+        """Deferred events, in order."""
         self._is_tick_left = False
         """Whether a whole tick is among it."""
         self._proof_interval, self._tried_at = proof_interval, -math.inf
@@ -185,33 +185,33 @@ class Recorder:
         monitor.journal = monitor.obstacles.journal = self
 
     def note(self, text: str) -> None:
-        """Write a line for people, as of the present."""
+        """Write a line for people, with the present time."""
         timestamp = Time(*divmod(time.time_ns(), 1_000_000_000))
         self.note_message(Log(timestamp=timestamp, level=3, message=text))
 
     def find_trouble(self) -> str:
-        """What keeps the file from being written at present, in words; empty: nothing.
+        """Problem that prevents writing at present, in words; empty: none.
 
         For a loop that asks about once a second; it costs some microseconds.
         """
         if self._ring.is_released:
             return ""
         if self._process.poll() is not None:
-            return "the process that writes it has ended"
+            return "its writer process has ended"
         now, beats = time.monotonic(), self._ring.beats
         if beats != self._beats:
             self._beats, self._beat_time = beats, now
         silence = now - self._beat_time
         # Before its first sign of life it starts, which may take a while.
         if silence > (SILENT_TIMEOUT if beats else START_TIMEOUT):
-            return f"what writes it has been held up for {silence:.0f} s"
+            return f"its writer process has been blocked for {silence:.0f} s"
         return ""
 
     def close(self) -> str:
-        """Write what is left, and end; harmless if that was done.
+        """Write the deferred events, and end; calling it again is harmless.
 
         Returns:
-            What went wrong with the file, in words; empty if nothing did.
+            Problem of the file, in words; empty if there was none.
         """
         process = self._process
         if self._monitor.journal is self:
@@ -234,11 +234,11 @@ class Recorder:
         is_unread = ring.free < ring.capacity
         ring.release()
         if process.returncode != 0 or is_unread:
-            return f"{self.path} is not complete: what wrote it was ended, or could not write it"
+            return f"{self.path} is not complete: its writer ended or could not write"
         if self.lost:
             return (
-                f"{self.path} has gaps: {self.lost} events were lost, since the disk did not keep "
-                "up or they could not be written as text"
+                f"{self.path} has gaps: {self.lost} events were lost, because the disk was too "
+                f"slow or they could not be encoded"
             )
         return ""
 
@@ -268,7 +268,7 @@ class Recorder:
         self._note(make_state, self._joints, stamp, q, v, now)
 
     def note_verdict(self, verdict: Verdict) -> None:
-        """As `Journal` says; also of what is given while there is no joint state to judge."""
+        """As in `Journal`; also for inputs without a joint state to judge."""
         self._stepping = False
         if self._is_tick_left:
             self.write_pending()
@@ -282,16 +282,16 @@ class Recorder:
                 self.prove_pending()
 
     def defer(self) -> None:
-        """Leave writing to `write_pending`, which a loop calls when it has time to spare.
+        """Defer writing to `write_pending`, which a loop calls when it has time to spare.
 
-        So recording takes no time of its ticks. What a loop could not write in time is written in
-        its next tick. If it is killed in the middle of a tick, that tick is not in the file. Arrays
-        of joint states must stay as they are until they are written.
+        So recording takes no time of its ticks. Events that a loop could not write in time are
+        written in its next tick. If it is killed during a tick, that tick is not in the file.
+        Arrays of joint states must not change until they are written.
         """
         self._defers = True
 
     def prove_pending(self) -> None:
-        """Prove the last verdict, if its turn has come, and write that.
+        """Prove the last verdict, if a proof is due, and write the proof.
 
         A loop that defers calls it when it has half a millisecond to spare; a verdict that is not
         proved before the next step is left out.
@@ -311,7 +311,7 @@ class Recorder:
             self.write_pending()
 
     def write_pending(self) -> None:
-        """Write what was left; the loop has time to spare."""
+        """Write the deferred events; the loop has time to spare."""
         self._is_tick_left = False
         while self._pending:
             self._put(self._pending.popleft())
@@ -330,12 +330,12 @@ class Recorder:
         self._note_at_once(pack_batch, batch)
 
     def note_message(self, message: Event) -> None:
-        """As `Journal` says; the monitor itself takes faults in its steps."""
+        """As in `Journal`; the monitor itself reports faults in its steps."""
         if not (self._stepping and isinstance(message, FaultsTaken)):
             self._note(lambda: message)
 
     def _describe_start(self, configuration: str) -> list[tuple[int, tuple[Any, ...]]]:
-        """What stands once at the start of the file."""
+        """Write the records that stand once at the start of the file."""
         monitor = self._monitor
         provenance = {
             "format": str(FORMAT),
@@ -372,7 +372,7 @@ class Recorder:
             self._note(lambda: message)
 
     def _note(self, make: Callable[..., Event], *arguments: Any) -> None:
-        """Write a message that is made of some arguments, now or when there is time."""
+        """Write a message that is made of some arguments, now or later."""
         entry = self._now(), make, arguments
         if not self._defers:
             self._put(entry)
@@ -408,7 +408,7 @@ class Recorder:
         self._gap_events += 1
 
     def _end_gap(self) -> bool:
-        """Tell of a gap, once there is room for more than that."""
+        """Record a gap, once there is room for more than that."""
         ring = self._ring
         if ring.free < ring.capacity // 4:
             return False
@@ -421,10 +421,10 @@ class Recorder:
 
 
 def check_installed() -> None:
-    """Refuse to go on without the packages that recordings need.
+    """Refuse if packages that recordings need are missing.
 
     Raises:
-        ArmguardError: They are missing.
+        ArmguardError: A package is missing.
     """
     for package in ("mcap", "zstandard"):
         if importlib.util.find_spec(package) is None:
@@ -436,10 +436,10 @@ def check_installed() -> None:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a file that is there already, or that cannot be in its folder, and go on without one.
+    """Refuse a file that exists already or cannot be written in its folder; writes nothing.
 
     Raises:
-        ArmguardError: It is so, or the packages for recordings are missing.
+        ArmguardError: The file is refused, or the packages for recordings are missing.
     """
     check_installed()
     try:
@@ -451,14 +451,14 @@ def check_new(path: Path) -> None:
     if is_there:
         raise ArmguardError(
             str(path),
-            "is there already, and no recording is written over",
+            "is there already, and no recording is overwritten",
             expected="a new file",
-            remedy="a folder in its place gets a file named by the time",
+            remedy="if you name a folder, the file in it is named by the time",
         )
 
 
 def open_new(path: Path) -> tuple[Path, int]:
-    """Open a file that is not there yet, for writing; a recording is never written over.
+    """Open a new file for writing; a recording is never overwritten.
 
     Args:
         path: The file; or a folder, for a file in it that is named by the time.
@@ -467,7 +467,7 @@ def open_new(path: Path) -> tuple[Path, int]:
         The file's path and descriptor.
 
     Raises:
-        ArmguardError: It is there already, or cannot be written.
+        ArmguardError: It exists already, or cannot be written.
     """
     if path.is_dir():
         path = path / name_by_time()
@@ -487,22 +487,22 @@ def _check_untouched(monitor: Monitor) -> None:
     if monitor.ticks:
         raise ArmguardError(
             "monitor",
-            f"has judged {monitor.ticks} joint states already",
-            expected="none: a replay needs them all",
+            f"has already judged {monitor.ticks} joint states",
+            expected="none, since a replay needs all of them",
             remedy="make the recorder before the first step",
         )
     if monitor.exemption_count != len(monitor.exemptions):
         raise ArmguardError(
             "monitor",
-            "was told to watch pairs again already",
-            expected="none of its exemptions ended: a replay begins with all of them",
+            "has already ended exemptions (`watch`)",
+            expected="no ended exemption, since a replay begins with all of them",
             remedy="make the recorder before the first `watch`",
         )
     if not obstacles.is_untouched:
         raise ArmguardError(
             "obstacles",
-            "were told already",
-            expected="none but those that stand still, none of them removed: a replay needs all",
+            "were already reported",
+            expected="only statics, and none removed, since a replay needs all obstacles",
             remedy="make the recorder before the first update",
         )
 

@@ -1,8 +1,8 @@
-"""Steps a monitor made anew through a recording, and compares its verdicts to the bit.
+"""Replays a recording and checks that the verdicts are bit-identical.
 
-A verdict rests on its inputs, on what the monitor was made with, and on the machine that computes
-it. The first two are in the file. Where verdicts differ all the same, the third must, and the
-report says in what.
+A verdict depends on its inputs, on the configuration of the monitor, and on the machine. The first
+two are in the file. So if verdicts differ, the machine differs, and the report names the
+differences.
 """
 
 from __future__ import annotations
@@ -63,14 +63,11 @@ from armguard.recording.settings import change_settings, make_monitor, make_obst
 from armguard.robot.portable import RestoredRobot
 from armguard.verdict import PlanVerdict, Verdict
 
-UNEXPLAINED = (
-    "none that a recording knows of: version, sources, robot, cover, processor and compiler are "
-    "the same"
-)
+UNEXPLAINED = "unknown: version, sources, robot, cover, processor and compiler are the same"
 
 
 UNREADABLE = MessageError, ValueError, KeyError, TypeError, IndexError
-"""What a damaged message raises where it is read."""
+"""Errors that a damaged message raises when it is read."""
 
 
 class ReplayedTick(NamedTuple):
@@ -83,9 +80,9 @@ class ReplayedTick(NamedTuple):
     recorded: Verdict
     replayed: Verdict
     is_compared: bool
-    """Whether the two should be the same: not after a gap, and not under other settings."""
+    """Whether the two should be the same: not after a gap, nor with other settings."""
     is_identical: bool
-    """Whether they are, to the bit."""
+    """Whether they are bit-identical."""
 
 
 class Difference(NamedTuple):
@@ -98,7 +95,7 @@ class Difference(NamedTuple):
     fields: tuple[str, ...]
     """What differs, as "field: recorded, replayed"."""
     causes: tuple[str, ...]
-    """What this replay does not have in common with the recording."""
+    """Differences of this replay from the recording."""
 
     def __str__(self) -> str:
         return (
@@ -108,7 +105,7 @@ class Difference(NamedTuple):
 
 
 class ReplayReport(NamedTuple):
-    """What a replay found."""
+    """Results of a replay."""
 
     ticks: int
     """Verdicts in the recording."""
@@ -119,18 +116,18 @@ class ReplayReport(NamedTuple):
     lost: int
     """Events that are missing in the recording; verdicts after them are not compared."""
     is_cut_off: bool
-    """Whether the recording has no end: what wrote it was killed."""
+    """Whether the recording has no end: its writer was killed."""
     differences: tuple[str, ...]
-    """In what this machine differs from the recording's, whether or not verdicts do."""
+    """Differences of this machine from the recording's, even if verdicts are the same."""
 
     @property
     def is_identical(self) -> bool:
-        """Whether all verdicts of the recording were compared, and are the same to the bit."""
+        """Whether all verdicts of the recording were compared and are bit-identical."""
         return self.difference is None and self.compared == self.ticks > 0 and not self.lost
 
 
 class Replay:
-    """A monitor made as a recording's was, and led through it.
+    """Steps a monitor with the recorded configuration through a recording.
 
     Args:
         recording: The recording.
@@ -168,7 +165,7 @@ class Replay:
         )
 
     def ticks(self) -> Iterator[ReplayedTick]:
-        """Lead the monitor through the recording, tick by tick; once.
+        """Step the monitor through the recording, tick by tick; once.
 
         Raises:
             ArmguardError: The recording is damaged, or has a message that cannot be read.
@@ -196,7 +193,7 @@ class Replay:
                 yield ReplayedTick(nanoseconds, now, recorded, replayed, is_compared, is_identical)
 
     def report(self) -> ReplayReport:
-        """What was found so far."""
+        """Results so far."""
         return ReplayReport(
             self._ticks,
             self._compared,
@@ -207,7 +204,7 @@ class Replay:
         )
 
     def _apply(self, event: Event, data: bytes) -> None:
-        """Do to the monitor and its table what was done to the recorded ones."""
+        """Apply a recorded event to the monitor and its table."""
         try:
             self._take(event, data)
         except (*UNREADABLE, ArmguardError) as error:
@@ -263,7 +260,7 @@ class Replay:
 
 
 def replay(path: str | Path, changes: Mapping[str, str] | None = None) -> ReplayReport:
-    """Replay a recording as fast as possible, and compare its verdicts to the bit.
+    """Replay a recording as fast as possible, and check that the verdicts are bit-identical.
 
     Args:
         path: The recording.
@@ -281,7 +278,7 @@ def replay(path: str | Path, changes: Mapping[str, str] | None = None) -> Replay
 
 
 def read_bodies(event: BodiesChanged) -> dict[str, Any]:
-    """What `RestoredRobot.replace_bodies` takes."""
+    """Argument of `RestoredRobot.replace_bodies`."""
     links = [
         msgspec.json.decode(link.data) if link.data else {"name": link.name} for link in event.links
     ]
@@ -289,7 +286,7 @@ def read_bodies(event: BodiesChanged) -> dict[str, Any]:
 
 
 def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
-    """Give a monitor and its table what a recorded event gave, if it is of that kind.
+    """Give the input of a recorded event to a monitor and its table, if the event is an input.
 
     Returns:
         The answer to a plan, where it is one and the monitor takes plans.

@@ -1,8 +1,8 @@
 """A ring of bytes in memory that two processes share: one writes, one reads, neither waits.
 
-The writer is a loop that must not be held up, and may be killed at any moment; what it has written
-by then can still be read, for the memory lives as long as either process does. Where the reader
-does not keep up, the writer is told that there is no room, and loses what it has no room for.
+The writer is a loop that must not wait and may be killed at any moment. The memory lives as long as
+either process, so records of a killed writer can still be read. If the reader is too slow, the
+writer finds no room and loses records.
 
 A record is its length, a check sum, and its bytes. The check sum makes the order in which a
 processor lets another one see its writes irrelevant: a record that is not all there yet is read
@@ -48,8 +48,8 @@ class Ring:
         self._capacity = size - HEADER
         self._written, self._read = (self._counters[place] for place in (_WRITTEN, _READ))
         self._room = 0
-        """Bytes from the next place on that are surely free: up to the end of the ring, and as far
-        as the reader had come when that was looked up, which costs more than to write."""
+        """Bytes after the next place that are free for certain: up to the end of the ring or the
+        last known place of the reader. Looking up that place costs more than writing."""
 
     @property
     def capacity(self) -> int:
@@ -110,7 +110,7 @@ class Ring:
         return data
 
     def close_writing(self) -> None:
-        """Tell the reader that nothing more will come."""
+        """Tell the reader that there will be no more records."""
         self._counters[_CLOSED] = 1
 
     @property
@@ -120,20 +120,20 @@ class Ring:
 
     @property
     def is_finished(self) -> bool:
-        """Whether nothing more will come, and all that came was read."""
+        """Whether there will be no more records, and all were read."""
         return bool(self._counters[_CLOSED]) and self.is_empty
 
     def beat(self) -> None:
-        """Say, as the reader, that it goes on."""
+        """Give a sign of life, as the reader."""
         self._counters[_BEATS] += 1
 
     @property
     def beats(self) -> int:
-        """How often the reader has said that it goes on."""
+        """Number of signs of life of the reader."""
         return self._counters[_BEATS]
 
     def release(self) -> None:
-        """Give the memory back; the ring must not be used any more. Harmless if that was done."""
+        """Release the memory; after that, the ring must not be used. Again is harmless."""
         if not self.is_released:
             self.is_released = True
             self._counters.release()

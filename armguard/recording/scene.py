@@ -1,8 +1,8 @@
 """The cell as viewers of recordings draw it: Foxglove's `SceneUpdate`, ten times a second.
 
 The arm is drawn as the spheres of its cover, obstacles as they were reported, whether or not the
-table believed them, both in the colour of the last verdict's level. It is made by the process that
-writes the file, from what it writes: the loop has no part in it.
+table believed them, both in the colour of the last verdict's level. The writer process makes it
+from the events that it writes; the loop takes no part.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ _STATIC = Color(0.5, 0.5, 0.5, 0.7)
 
 
 class Scene:
-    """What is in the cell, as the events so far tell.
+    """Content of the cell, from the events so far.
 
     Args:
         robot: The arm, as `armguard.robot.portable.describe_robot` describes it.
@@ -190,11 +190,11 @@ class Scene:
             self._put((batch.source, name), place, size)
 
     def take_static(self, place: StaticObstacle) -> None:
-        """Take an obstacle that stands still for ever."""
+        """Take a static obstacle."""
         self._put(("", place.id), np.frombuffer(place.position).reshape(-1, 3), place.radius)
 
     def take_removal(self, message: RemoveMessage) -> None:
-        """Take what is gone; without a source, of all sources."""
+        """Take removed obstacles; without a source, those of all sources."""
         gone = set(message.ids)
         for key in [key for key in self._obstacles if key[1] in gone]:
             if message.source in ("", key[0]):

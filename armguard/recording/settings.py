@@ -1,4 +1,4 @@
-"""A monitor and its table made anew from what `armguard.monitor.portable` says, with changes."""
+"""Makes a monitor and its table from data of `armguard.monitor.portable`, with changes."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ READERS: Mapping[Any, Callable[[Mapping[str, Any]], Any]] = {
         {region: ContactLimit(**limit) for region, limit in data["by_region"].items()}
     ),
 }
-"""What makes a value of each type that settings can have beside plain ones."""
+"""Constructors of the types of settings that are not plain."""
 
 LIMITS = "contact_limits"
 
 OWN_WORDS = ("operating", LIMITS)
-"""Settings that are no plain values, and that a word can change."""
+"""Settings that are not plain, but that a word can change."""
 
 
 def make_obstacles(data: Mapping[str, Any]) -> Obstacles:

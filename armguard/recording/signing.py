@@ -1,6 +1,6 @@
 """Signatures of recordings: Ed25519 [Ed25519]_ by the package cryptography, keys in PEM files.
 
-A signature shows that whoever holds the secret key wrote the file up to there. The files are those
+A signature shows that a holder of the secret key wrote the file up to there. The files are those
 of OpenSSL and others, PKCS #8 for the secret key and SubjectPublicKeyInfo for the public one.
 """
 
@@ -19,7 +19,7 @@ from armguard.key_files import (
 )
 
 _CONTEXT = b"armguard recording\n"
-"""Stands before what is signed, so that no signature fits anything else."""
+"""Prefix of signed data, so that no signature is valid for other data."""
 
 _EXPECTED = "a file that `armguard keys new --recordings` wrote, NAME"
 
@@ -142,7 +142,7 @@ def is_signed(key: str, signature: str, head: str) -> bool:
 
 
 def check_installed() -> None:
-    """Refuse to go on without the package for signatures.
+    """Refuse if the package for signatures is missing.
 
     Raises:
         ArmguardError: It is missing.

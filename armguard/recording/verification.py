@@ -1,7 +1,7 @@
-"""Finds out whether a recording is as it was written: its chain of links, its signatures, its end.
+"""Verifies that a recording is unchanged: its chain of links, its signatures, its end.
 
-A damaged link or length hides nothing behind it: the next link is searched for, and checked as all
-others are. So each finding names the chunk, and when it was recorded.
+After a damaged link or length, the next link is searched for and checked like all others. So each
+finding names the chunk and when it was recorded.
 """
 
 from __future__ import annotations
@@ -28,18 +28,17 @@ _NAME = len(LINK).to_bytes(4, "little") + LINK.encode()
 
 
 class Verification(NamedTuple):
-    """What was found in one file."""
+    """Results of one file."""
 
     path: Path
     part: int
     """Number of the file in its run, from 1."""
     chunks: int
-    """How many chunks are there and were not changed."""
+    """Number of unchanged chunks."""
     problems: tuple[str, ...]
-    """What was changed, is missing, or stands in another place, in words; empty: nothing."""
+    """Changes, missing parts and misplaced parts, in words; empty: none."""
     is_ended: bool
-    """Whether the end is there. Otherwise what wrote the file was killed, or its end was cut
-    off."""
+    """Whether the end is there. Otherwise the writer was killed, or the end was cut off."""
     last: int
     """When the last message came that the chain holds, in [ns] since 1970; 0: there is none."""
     keys: tuple[str, ...]
@@ -53,7 +52,7 @@ class Verification(NamedTuple):
 
     @property
     def is_intact(self) -> bool:
-        """Whether nothing was found, and the end is there."""
+        """Whether there are no findings, and the end is there."""
         return self.is_ended and not self.problems
 
 
@@ -73,7 +72,7 @@ class _NothingWholeError(ArmguardError):
 def verify(path: str | Path, key: str | None = None) -> list[Verification]:
     """Verify a recording, and all files in which it goes on.
 
-    Where the first result is of a part after the first one, nothing is known of those before it.
+    If the first result is of a later part, the parts before it are not verified.
 
     Args:
         path: The file, which may be any part of a run.
@@ -143,9 +142,9 @@ def _verify_bytes(
     rest = data[last.end :]
     is_ended = bool(last.link.tail) and rest.endswith(MAGIC)
     if not last.link.tail:
-        left = f"; {len(rest)} bytes behind it are of no whole chunk" if rest else ""
+        left = f"; {len(rest)} bytes after it are not a whole chunk" if rest else ""
         name = _name(last.link)
-        problems.append(f"the end is missing: the last that is there is {name}{left}; {_LOSS}")
+        problems.append(f"the end is missing; the last whole part is {name}{left}; {_LOSS}")
     elif not is_ended:
         problems.append("the index at the end of the file was cut off; no chunk is lost")
     elif hashlib.sha256(rest).hexdigest() != last.link.tail:
@@ -223,7 +222,7 @@ def _check_order(links: list[Link]) -> Iterator[str]:
     known = {link.chunk: link for link in links}
     for near, far in itertools.pairwise([-1, *places]):
         if far == near and near >= 0:
-            yield f"chunk {near}: it is there {numbers.count(near)} times"
+            yield f"chunk {near}: it occurs {numbers.count(near)} times"
         elif far > near + 1:
             since = _tell(known[near].end) if near in known else "the beginning"
             names = f"chunk {near + 1}" if far == near + 2 else f"chunks {near + 1} to {far - 1}"
@@ -233,13 +232,13 @@ def _check_order(links: list[Link]) -> Iterator[str]:
             )
     for link, number in zip(links, places, strict=True):
         if link.chunk != number:
-            yield f"{_name(link)}: it stands where chunk {number} was"
+            yield f"{_name(link)}: it is at the place of chunk {number}"
 
 
 def _check_heads(links: list[Link], before: Verification | None) -> Iterator[str]:
     """Links that do not belong to the one in front of them.
 
-    Those that are missing or stand in another place are told by their numbers.
+    Missing and misplaced links are found by their numbers.
     """
     first = links[0]
     if before is not None and first.part != before.part + 1:
@@ -261,7 +260,7 @@ def _check_heads(links: list[Link], before: Verification | None) -> Iterator[str
 def _check_signatures(
     links: list[Link], key: str | None, before: Verification | None
 ) -> Iterator[str]:
-    """Links whose signature is missing or wrong, and where another one signs from then on."""
+    """Links whose signature is missing or wrong, and links where the signing key changes."""
     last = links[0].key if before is None else before.signer
     for link in links:
         if link.key and not is_signed(link.key, link.signature, link.head):
@@ -283,7 +282,7 @@ def _name(link: Link) -> str:
     if link.tail:
         return f"the end, at {_tell(link.end)}"
     if link.chunk == 0:
-        return "what stands in front of all chunks"
+        return "the part before all chunks"
     return f"chunk {link.chunk}, recorded from {_tell(link.begin)} to {_tell(link.end)}"
 
 

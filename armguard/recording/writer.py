@@ -1,8 +1,8 @@
-"""The process that writes a recording: what it finds in shared memory goes into MCAP files.
+"""The writer process of a recording: moves events from shared memory into MCAP files.
 
-What it has written is whole up to the last chunk, whichever process is killed. Twice a second the
-chunk is ended, and all that there is goes to the disk. A disk that is slow holds up this process
-alone; one that is full is tried again, and again.
+Its files are whole up to the last chunk if any process is killed. Twice a second it ends the chunk
+and writes all data to the disk. A slow disk delays only this process; a full disk is tried again
+and again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from armguard.recording.scene import INTERVAL, Scene
 from armguard.recording.signing import FileSigner
 
 FLUSH_INTERVAL = 0.5
-"""Between two chunks at most, in [s]: so much is lost when this process is killed."""
+"""Greatest time between two chunks, in [s]: this much is lost when this process is killed."""
 
 PAUSE = 0.05
 """Between two looks into the memory, in [s]: what came meanwhile is written at once, which takes
@@ -43,7 +43,7 @@ UNWRITTEN_LIMIT = 8 * 1024 * 1024
 """Bytes that wait for the disk in this process; while there are more, none are taken."""
 
 STUCK_AFTER = 2.0
-"""A record that is not whole after so long, in [s], with nobody left to write, never will be."""
+"""Time after which an incomplete record of an ended writer is given up, in [s]."""
 
 NICE = 10
 """Of this process: with so many others at work it still gets a tenth of a processor, twice what it
@@ -51,7 +51,7 @@ needs."""
 
 
 class PatientFile:
-    """A file whose writes never fail: what a disk does not take waits, and is tried again.
+    """A file whose writes never fail: bytes that the disk does not accept wait for another try.
 
     Args:
         descriptor: Open for writing.
@@ -87,7 +87,7 @@ class PatientFile:
         self._length = 0
 
     def flush(self) -> None:
-        """Write what the disk takes."""
+        """Write as many bytes as the disk accepts."""
         try:
             while True:
                 descriptor, data = self._waiting[0]
@@ -130,7 +130,7 @@ class RecordingWriter:
         self._begun: float | None = None
         self._writer = PartWriter(file, 1, FIRST, self._signer)
         self._start: list[tuple[int, int, Any]] = []
-        """What stands in front of each part: kind, time and content."""
+        """Records at the start of each part: kind, time and content."""
         self._attached: dict[str, Any] = {}
         self._scene: Scene | None = None
         self._next_scene = 0
@@ -157,10 +157,10 @@ class RecordingWriter:
         except Exception as error:
             # The picture is for viewers; what a replay needs goes on without it.
             self._scene = None
-            sys.stderr.write(f"armguard: the recording has no scene from here on: {error!r}\n")
+            sys.stderr.write(f"armguard: the scene of the recording ends here: {error!r}\n")
 
     def flush(self, now: float) -> None:
-        """End the chunk, write what there is, and go on in another file where that is due.
+        """End the chunk, write all bytes, and continue in another file if that is due.
 
         Args:
             now: Time in [s], of a clock that never goes back.
@@ -181,7 +181,7 @@ class RecordingWriter:
         self._file.flush()
 
     def _go_on(self, now: float) -> None:
-        """Go on in another file; where there can be none, this one goes on."""
+        """Continue in another file; if that cannot be made, continue in this one."""
         path = find_part(self._path, 1, self._part + 1)
         try:
             if path.exists():
@@ -190,7 +190,7 @@ class RecordingWriter:
         except OSError as error:
             if not self._problem:
                 self._problem = f"{path} cannot be written ({error.strerror})"
-                sys.stderr.write(f"armguard: the recording goes on in one file: {self._problem}\n")
+                sys.stderr.write(f"armguard: the recording stays in one file: {self._problem}\n")
             return
         self._problem = ""
         self._writer.close(path.name)
@@ -210,7 +210,7 @@ class RecordingWriter:
         for name in remove_old(path, self._part, self._rotation.keep):
             self._last_time += 1
             timestamp = Time(*divmod(self._last_time, 1_000_000_000))
-            text = f"kept for long enough, and removed: {name}"
+            text = f"removed, since its time to keep has passed: {name}"
             line = Log(timestamp=timestamp, level=2, message=text)
             self._writer.write(NUMBERS[Log], self._last_time, write_json(line))
 
@@ -247,7 +247,7 @@ class RecordingWriter:
 
 
 def write_recording(ring: Ring, writer: RecordingWriter, file: PatientFile, parent: int) -> int:
-    """Write what comes until its writer says that it is done, or is gone.
+    """Write events until the loop's process reports its end, or has ended.
 
     Args:
         ring: Where events come from.
@@ -280,9 +280,9 @@ def write_recording(ring: Ring, writer: RecordingWriter, file: PatientFile, pare
 
 
 def give_way() -> None:
-    """Let others come first, the loop among them: whatever wakes is not held up by this process.
+    """Lower the priority of this process, so that it delays neither the loop nor others.
 
-    It may have been started by one that has real-time scheduling, and is not to keep that.
+    Its parent may have real-time scheduling, which this process must not inherit.
     """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     os.nice(NICE)

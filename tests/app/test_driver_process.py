@@ -62,7 +62,7 @@ def test_a_run_starts_its_driver_starts_it_again_and_ends_it(tmp_path):
         wait_until(lambda: controller.slider > 0.5)
         (driver,) = find_drivers(process.pid)
         subprocess.run(["kill", "-KILL", str(driver)], check=True)
-        wait_until(lambda: any("by SIGKILL, and is started again" in one for one in lines))
+        wait_until(lambda: any("by SIGKILL, and is restarted" in one for one in lines))
         wait_until(lambda: find_drivers(process.pid) not in ([], [driver]))
         wait_until(lambda: controller.clients == 1)
         (driver,) = find_drivers(process.pid)

@@ -336,7 +336,7 @@ class StuckRecorder:
         pass
 
     def find_trouble(self):
-        return "the process that writes it has ended"
+        return "its writer process has ended"
 
 
 def test_a_recording_that_is_not_written_any_more_is_told_at_once(tmp_path):
@@ -354,7 +354,7 @@ def test_a_recording_that_is_not_written_any_more_is_told_at_once(tmp_path):
         )
         os.kill(writer, signal.SIGKILL)
         line = process.stderr.readline()  # while the run goes on
-        assert line == "the recording is not written: the process that writes it has ended\n"
+        assert line == "the recording is not written: its writer process has ended\n"
         assert reader.latest(1.0) is not None
         assert process.poll() is None
         process.send_signal(signal.SIGINT)

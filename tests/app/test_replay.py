@@ -384,7 +384,7 @@ def test_a_recording_of_others_without_its_options_says_what_it_needs(tmp_path, 
     (file,) = write_bag(tmp_path / "bag", usual(3)).glob("*.mcap")
     code, _, err = run(capsys, file)
     assert code == MISTAKE
-    assert "recordings of others need --cell and --topics" in err
+    assert "recordings of other programs need --cell and --topics" in err
 
 
 def test_changes_are_read_by_commas():

@@ -184,7 +184,7 @@ def test_whatever_fails_the_arm_rests_and_a_person_starts_it_again(tmp_path, pee
         cell.kill_driver(signal.SIGSTOP)
         wait_until(lambda: peer.mode == REFLEX)
         cell.wait_until_resting()
-        cell.wait_for("the driver's process hung, and was ended: without positions the robot stops")
+        cell.wait_for("the driver's process hung and was killed: without positions the robot stops")
         cell.wait_for("has stopped by a reflex")
         assert peer.speed < 0.01
 

@@ -327,7 +327,7 @@ def test_a_shield_that_was_started_anew_needs_another_goal(made):
     made.begin(goal=2)
     made.act(command(made.now + 0.002, 1, goal=7))
     assert made.arm.orders.count("brake") == 1
-    assert "started anew" in made.read()
+    assert "restarted" in made.read()
     made.arm.q = list(HOME)
     before = len(made.arm.followed)
     made.act(command(made.now + 0.002, 2, goal=7))

@@ -86,7 +86,7 @@ def test_an_arm_in_a_graph_moves_while_verdicts_allow_it(tmp_path):
         arm.__exit__()
         monitor.tell(Level.STOP)
         with Ros2Arm(cell.domain) as other:
-            cell.wait_for("the robot is heard again")
+            cell.wait_for("the robot sends states again")
             wait_until(lambda: other.levels and other.speeds)
             assert other.find_fastest(0.0) == 0.0
             monitor.tell(Level.CLEAR)

@@ -67,7 +67,7 @@ def test_a_robot_that_does_not_tell_its_version_is_not_driven(connect):
 def test_a_robot_in_local_control_is_refused(connect):
     controller = UrController(find_host())
     controller.is_remote = False
-    with pytest.raises(ArmLostError, match="not in remote control: switch it on"):
+    with pytest.raises(ArmLostError, match="not in remote control: switch remote control on"):
         connect(controller)
 
 

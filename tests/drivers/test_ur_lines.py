@@ -71,6 +71,6 @@ def test_what_does_not_speak_rtde_is_told(answer):
 
         thread = threading.Thread(target=serve)
         thread.start()
-        with pytest.raises(ArmLostError, match="does not speak version 2"):
+        with pytest.raises(ArmLostError, match="does not support version 2"):
             check_rtde(host)
         thread.join()

@@ -61,7 +61,7 @@ def test_a_program_runs_while_verdicts_allow_it(tmp_path):
         wait_until(lambda: controller.program == PAUSED)
         monitor.start_anew()
         monitor.is_silent = False
-        cell.wait_for("the monitor was started anew")
+        cell.wait_for("the monitor was restarted")
         time.sleep(0.5)
         cell.play()
 

@@ -50,7 +50,7 @@ def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypa
     ends = time.monotonic() + 0.3  # the trap is set by then
     watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
     assert len(stopped) == 1
-    assert "has ended by itself" in lines[-1]
+    assert "ended unexpectedly" in lines[-1]
 
 
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):

@@ -118,7 +118,7 @@ def test_errors_larger_than_promised_are_named_with_their_size(factor):
     assert name == "body"
     words = detail.split()
     assert detail.startswith("camera: the spread of body is ")
-    assert detail.endswith(" mm, 2 mm were promised")
+    assert detail.endswith(" mm, stated 2 mm")
     # What is proved is below what it is.
     assert 0.3 * factor * 2.0 < float(words[words.index("is") + 1]) < factor * 2.0
 
@@ -131,7 +131,7 @@ def test_velocities_worse_than_promised_are_named():
     assert told > 400
     ((_, detail),) = obstacles.describe_spreads()
     assert detail.startswith("camera: velocities of body are off by 0.")
-    assert detail.endswith(" m/s, 0.1 m/s were promised")
+    assert detail.endswith(" m/s, stated 0.1 m/s")
 
 
 def test_glitches_in_fewer_than_half_of_the_samples_are_no_spread():

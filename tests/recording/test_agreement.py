@@ -100,7 +100,7 @@ def level(proof, verdict):
 
 
 CONTRADICTIONS = {
-    "sequence": (change(["sequence"], lambda x: x + 1), "does not stand before it"),
+    "sequence": (change(["sequence"], lambda x: x + 1), "does not precede it"),
     "now": (change(["now"], lambda x: x + 1e-6), "now is"),
     "stamp": (change(["stamp"], lambda x: x - 1e-6), "stamp is"),
     "level": (level, "level is"),
@@ -160,7 +160,7 @@ def test_a_proof_without_its_verdict_is_told_of(recording):
     events = [one.event for one in recording.events()]
     place = next(k for k, event in enumerate(events) if isinstance(event, Proof))
     spoiled = [*events[:place], Gap(events=1, seconds=0.0), *events[place:]]
-    assert compare(recording, spoiled)[0] == "the verdict of its tick does not stand before it"
+    assert compare(recording, spoiled)[0] == "the verdict of its tick does not precede it"
     without = [event for event in events if not isinstance(event, VerdictMessage)]
     assert "" not in compare(recording, without)
 

@@ -105,7 +105,7 @@ def test_a_changed_byte_is_named_by_its_chunk_and_time(whole, tmp_path):
         result = find(b"".join([*parts[:number], changed, *parts[number + 1 :]]), tmp_path / "a")
         (told, *_) = result.problems
         if number == 0:
-            assert "in front of all chunks" in told
+            assert "the part before all chunks" in told
         elif number <= CHUNKS:
             assert re.match(rf"chunk {number}, recorded from 1970-.*:0{number}\.000 to ", told)
             assert len(result.problems) == 1
@@ -128,11 +128,11 @@ def test_chunks_that_were_exchanged_are_named(whole, tmp_path):
     parts = split(whole)
     parts[2], parts[5] = parts[5], parts[2]
     told = find(b"".join(parts), tmp_path / "a.mcap").problems
-    assert re.match(r"chunk 5, .*stands where chunk 2 was", told[0])
-    assert re.match(r"chunk 2, .*stands where chunk 5 was", told[1])
+    assert re.match(r"chunk 5, .*is at the place of chunk 2", told[0])
+    assert re.match(r"chunk 2, .*is at the place of chunk 5", told[1])
     parts = split(whole)
     told = find(b"".join([*parts[:4], parts[3], *parts[4:]]), tmp_path / "a.mcap").problems
-    assert any("chunk 3: it is there 2 times" in one for one in told)
+    assert any("chunk 3: it occurs 2 times" in one for one in told)
 
 
 @pytest.mark.hazard("H-11")
@@ -151,7 +151,7 @@ def test_an_end_that_is_cut_off_is_found_and_what_is_left_verifies(whole, tmp_pa
         if there[-1].tail:
             assert "the index at the end of the file was cut off" in told
         else:
-            assert "the end is missing: the last that is there is" in told
+            assert "the end is missing; the last whole part is" in told
             assert result.last == there[-1].end
 
 
@@ -271,7 +271,7 @@ def test_another_signer_is_named_where_it_begins_without_any_key(whole, tmp_path
         assert begun.is_intact
         told = [one for one in changed.problems if "what stands before is signed by" in one]
         assert len(told) == 1
-        assert f"what stands in front of all chunks: it is {words}" in told[0]
+        assert f"the part before all chunks: it is {words}" in told[0]
     second.write_bytes(original)
     assert all(one.is_intact for one in verify(first))
 

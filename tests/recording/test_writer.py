@@ -185,7 +185,7 @@ def test_a_recording_goes_on_in_one_file_where_there_can_be_no_other(start, tmp_
         writer.flush(float(second))
     writer.finish()
     assert (tmp_path / "run.2.mcap").read_text() == "precious"
-    assert capsys.readouterr().err.count("goes on in one file") == 1
+    assert capsys.readouterr().err.count("stays in one file") == 1
     assert len(list(Recording(path).events())) == 4
     assert verify(path)[0].is_intact
 
@@ -357,5 +357,5 @@ def test_what_retention_removes_is_noted(start, tmp_path):
     removed = [old.name for old in reversed(olds) if not old.exists()]
     assert removed
     lines = [event.message for _, event, _ in Recording(path).events()]
-    assert lines == [f"kept for long enough, and removed: {name}" for name in removed]
+    assert lines == [f"removed, since its time to keep has passed: {name}" for name in removed]
     assert verify(path)[0].is_intact

@@ -21,7 +21,7 @@ _UNKNOWN = (math.nan,) * 4
 
 
 def run_commission(file: Path, out: Path | None) -> int:
-    """Print what a recording says, and write its lines if there is a folder for them.
+    """Print the results of a recording, and write its lines if a folder is given.
 
     Args:
         file: The recording.
@@ -47,10 +47,10 @@ def run_commission(file: Path, out: Path | None) -> int:
     if not math.isnan(found.response):
         console.print(
             f"From a STOP to the first slowing it took {1e3 * found.response:.1f} ms at most, in "
-            f"{stops} stops. Each figure is the worst that was measured, three standard deviations "
-            f"of its measurement included. That the next stop is worse has a chance of 1 in "
-            f"{stops + 1}, if nothing else changes: make more stops, from full speed and with the "
-            "full load, for more."
+            f"{stops} stops. Each figure is the worst measurement, plus three standard deviations "
+            f"of its error. The next stop is worse with a probability of 1 in {stops + 1}, if "
+            f"nothing else changes. Record more stops, from full speed and with full load, to "
+            f"lower this probability."
         )
     for line in found.missing:
         console.print(f"not found: {line}")
@@ -67,10 +67,10 @@ def run_commission(file: Path, out: Path | None) -> int:
 def describe(
     found: Findings, cell_lines: str, robot_lines: str, written: list[Path]
 ) -> dict[str, object]:
-    """What a recording says, for programs; in SI units.
+    """Results of a recording, for programs; in SI units.
 
     Args:
-        found: What it says.
+        found: The results.
         cell_lines: For the cell file.
         robot_lines: For robot.toml.
         written: Files that have these lines.

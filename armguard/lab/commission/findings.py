@@ -25,14 +25,14 @@ from armguard.lab.commission.stops import (
 from armguard.robot.brakes import BrakeEntry
 
 LEVEL_STEP = 0.6
-"""Of a joint's fastest stop: what is slower than this share of its speed makes an entry besides."""
+"""Share of a joint's fastest stop; stops below this share get an entry of their own."""
 
 LEVEL_WIDTH = 0.95
 """Stops from this share of a speed on count as from that speed."""
 
 
 class Findings(NamedTuple):
-    """What a recording says; each figure is on the safe side of what was measured."""
+    """Results of a recording; each figure is on the safe side of its measurement."""
 
     seen: Observations
     stops: list[JointStop]
@@ -40,9 +40,9 @@ class Findings(NamedTuple):
     """From a STOP to the first slowing, the longest of all stops, in [s]; NaN: there was none, or
     one of the STOPs may have been obeyed later, or not at all."""
     unmeasured: list[UnmeasuredStop]
-    """STOPs while a joint moved that tell nothing of its brakes."""
+    """STOPs while a joint moved from which its brakes cannot be measured."""
     brakes: dict[str, list[BrakeEntry]]
-    """Of each joint that a STOP was measured of, by rising speed."""
+    """Entries of each joint with a measured STOP, by rising speed."""
     limits: dict[str, KeptLimits]
     """Of each joint that moved."""
     errors: dict[str, StateErrors]
@@ -50,16 +50,16 @@ class Findings(NamedTuple):
     """None: no plan was recorded that the arm was allowed to do."""
     sources: dict[str, SourceFindings]
     missing: list[str]
-    """What could not be found, and why, a line each."""
+    """Figures that were not found, with the reason, one line each."""
 
 
 def commission(seen: Observations) -> Findings:
-    """Find what a recording says about an arm, its controller and its sources."""
+    """Measure an arm, its controller and its sources from a recording."""
     joints = seen.robot.joints
     stops, unmeasured = measure_stops(seen)
     missing = [str(one) for one in unmeasured]
     if seen.has_gaps:
-        missing.insert(0, "events that are missing in the recording: it has gaps")
+        missing.insert(0, "lost events: the recording has gaps")
     response, open_ones = find_response(stops, unmeasured)
     if open_ones:
         response = float("nan")
@@ -68,7 +68,11 @@ def commission(seen: Observations) -> Findings:
             + ", ".join(f"{told:.3f} s" for told in sorted({one.command.told for one in open_ones}))
         )
     if not stops:
-        what = "no STOP while a joint moved is in the recording" if not seen.stops else "none of it"
+        what = (
+            "the recording has no STOP of a moving joint"
+            if not seen.stops
+            else "no stop could be measured"
+        )
         missing.append(f"latency, reaction time and stopping times: {what}")
     brakes, limits, errors = {}, {}, {}
     for joint, name in enumerate(joints):
@@ -76,28 +80,28 @@ def commission(seen: Observations) -> Findings:
             open_count = sum(one.joint == name for one in unmeasured)
             brakes[name] = _list_entries(own, open_count, seen.payload)
         if name not in brakes:
-            missing.append(f"{name}, brakes: no STOP while it was fast enough to be measured")
+            missing.append(f"{name}, brakes: the joint was never fast enough at a STOP")
         elif all(entry.deceleration == 0.0 for entry in brakes[name]):
-            missing.append(f"{name}, deceleration: it does not slow down steadily")
+            missing.append(f"{name}, deceleration: it is not constant")
         kept, state = measure_limits(seen, joint), measure_errors(seen, joint)
         if kept is None:
-            missing.append(f"{name}, operating limits: it hardly moved")
+            missing.append(f"{name}, operating limits: the joint hardly moved")
         else:
             limits[name] = kept
             if np.isnan(kept.acceleration):
                 why = (
                     "noise of its velocity hides it"
                     if np.isnan(kept.window)
-                    else f"it hardly lasts for longer than {1e3 * kept.window:.3g} ms, the window"
+                    else f"it lasts hardly longer than the window, {1e3 * kept.window:.3g} ms"
                 )
                 missing.append(f"{name}, operating acceleration: {why}")
         if state is None:
-            missing.append(f"{name}, errors of its states: too few states in a row")
+            missing.append(f"{name}, measurement errors: too few consecutive states")
         else:
             errors[name] = state
     tracking = measure_tracking(seen)
     if tracking is None:
-        missing.append("tracking errors: no plan that the arm was allowed to do is in it")
+        missing.append("tracking errors: the recording has no plan that was allowed")
     sources = {}
     for name, sent in seen.sources.items():
         source = measure_source(sent)
@@ -106,16 +110,16 @@ def commission(seen: Observations) -> Findings:
         else:
             sources[name] = source
             if np.isnan(source.spread):
-                missing.append(f"source {name}, spread: no obstacle was seen often enough")
+                missing.append(f"source {name}, spread: no obstacle was reported often enough")
     if not seen.sources:
-        missing.append("sources: no message of obstacles is in it")
+        missing.append("sources: the recording has no message of obstacles")
     return Findings(
         seen, stops, response, unmeasured, brakes, limits, errors, tracking, sources, missing
     )
 
 
 def _list_entries(stops: list[JointStop], unmeasured: int, payload: float) -> list[BrakeEntry]:
-    """What one joint's brakes do, by rising speed; a level holds for all that is slower."""
+    """Entries of one joint's brakes, by rising speed; an entry holds for all lower speeds."""
     entries: list[BrakeEntry] = []
     besides = f"; {unmeasured} more could not be measured" if unmeasured else ""
     fastest = max(stop.speed for stop in stops)

@@ -26,14 +26,14 @@ def write_cell_lines(found: Findings) -> str:
         told |= {one.command.told for one in found.unmeasured if math.isfinite(one.response)}
         lines += [
             "[thresholds]",
-            f"latency = {seen.latency:g} # as it was: a recording tells but the sum of the two",
+            f"latency = {seen.latency:g} # as recorded: stops show only the sum of the two",
             f"reaction_time = {reaction} # STOP to slowing, {1e3 * found.response:.1f} ms at the "
-            f"latest of {len(told)} stops, less that latency",
+            f"latest of {len(told)} stops, minus that latency",
             *unmeasured,
             "",
         ]
     elif unmeasured:
-        lines += ["# no reaction_time was found: the arm may have ignored a STOP", *unmeasured, ""]
+        lines += ["# reaction_time not found: the arm may have ignored a STOP", *unmeasured, ""]
     if found.limits:
         robot = seen.robot
         velocity, acceleration = robot.velocity_limit.tolist(), robot.acceleration_limit.tolist()
@@ -48,23 +48,23 @@ def write_cell_lines(found: Findings) -> str:
                 unknown.remove(name)
         how = []
         if windows:
-            how.append(f"within {', '.join(windows)} ms; what is shorter may be missed")
+            how.append(f"within {', '.join(windows)} ms; shorter accelerations may be missed")
         if unknown:
-            how.append(f"not found, so its limit stands: {', '.join(unknown)}")
+            how.append(f"not found, so the joint's limit is used: {', '.join(unknown)}")
         lines += [
-            "[robot.operating] # what the controller kept to here: state what it is set up to keep",
+            "[robot.operating] # observed here: state the limits of the controller",
             f"velocity = {velocity}",
             f"acceleration = {acceleration} # {'; '.join(how)}",
             "",
         ]
     for name, source in found.sources.items():
-        rest = f"the longest that was no STOP here, {source.quiet_silence:.3g} s"
+        rest = f"the longest without a STOP here, {source.quiet_silence:.3g} s"
         if source.uncovered:
             rest += f"; not covered: {source.uncovered} up to {source.longest_silence:.3g} s"
         lines += [
             f"[sources.{quote_key(name)}]",
             f"rate = {round_down(source.rate)}",
-            f"timeout = {round_up(source.timeout)} # silence half as long again as {rest}",
+            f"timeout = {round_up(source.timeout)} # 1.5 times {rest}",
         ]
         if not math.isnan(source.spread):
             spread = round_up(source.spread)
@@ -74,7 +74,7 @@ def write_cell_lines(found: Findings) -> str:
 
 
 def write_robot_lines(found: Findings) -> str:
-    """A `robot.toml` of what was found; what was not stands as it was in the recording."""
+    """A `robot.toml` with the figures that were found; the others are those of the recording."""
     robot = found.seen.robot
     lines = ["[sources]"]
     lines += [f'{limit} = "{UNCHANGED}"' for limit in ("position", "velocity", "acceleration")]
@@ -91,10 +91,10 @@ def write_robot_lines(found: Findings) -> str:
             known = float(getattr(robot, title)[joint])
             measured = errors and getattr(errors, title.removesuffix("_error"))
             if measured is None or measured <= known:
-                how = "not found" if measured is None else f"{measured:.2g} was found"
+                how = "not found" if measured is None else f"{measured:.2g} was measured"
                 lines.append(f"{title} = {known} # as in the recording; {how}")
             else:
-                lines.append(f"{title} = {round_up(measured)} # found; it was {known:g}")
+                lines.append(f"{title} = {round_up(measured)} # measured; recorded value {known:g}")
     for joint, name in enumerate(robot.joints):
         if name in found.brakes:
             entries = [_round_entry(entry, acceleration[joint]) for entry in found.brakes[name]]

@@ -1,9 +1,8 @@
 """Measures a STOP: when a joint began to slow down, and its stopping time and distance.
 
-A joint's speed is taken as two straight lines: as it was, and slowing down. The break between them
-is where the brakes bit. How closely the samples fix it is told by their squares: times at which the
-sum of these is not much worse than at the best are possible, and of them the latest counts for the
-response and the earliest for the stop, so that each is too long rather than too short.
+A joint's speed is modeled by two straight lines, before and during braking. The brakes engage where
+the lines meet. All break times whose sum of squares is close to the least are possible. The latest
+of them counts for the response and the earliest for the stop, so both are never too short.
 """
 
 from __future__ import annotations
@@ -57,25 +56,25 @@ _UNEVEN = 2.0
 
 
 class JointStop(NamedTuple):
-    """How one joint obeyed one STOP."""
+    """Response of one joint to one STOP."""
 
     joint: str
     told: float
     """Time of the verdict, in [s] of the monitor's clock."""
     speed: float
-    """When the brakes bit, at least, in [rad/s] or [m/s]."""
+    """Speed when the brakes engaged, at least, in [rad/s] or [m/s]."""
     response: float
     """From the verdict to the bite, at most, in [s]."""
     stopping_time: float
-    """From the bite to rest, at most, in [s]."""
+    """Time from braking to rest, at most, in [s]."""
     stopping_distance: float
-    """Meanwhile, at most, in [rad] or [m]."""
+    """Distance during that time, at most, in [rad] or [m]."""
     deceleration: float
-    """At each instant of it, at least, in [rad/s²] or [m/s²]; NaN where it was not steady."""
+    """Deceleration at each instant, at least, in [rad/s²] or [m/s²]; NaN if it was not constant."""
 
 
 class UnmeasuredStop(NamedTuple):
-    """A STOP of which it is not known how a joint obeyed it, or whether it did."""
+    """A STOP to which the response of a joint is unknown."""
 
     joint: str
     command: StopCommand
@@ -131,7 +130,7 @@ def find_response(
 def measure_stop(
     seen: Observations, command: StopCommand, joint: int
 ) -> JointStop | UnmeasuredStop | None:
-    """How one joint obeyed one STOP, or why that cannot be told; None: it was hardly moving."""
+    """Response of one joint to one STOP, or why it is unknown; None: the joint hardly moved."""
     name = seen.robot.joints[joint]
     inside = (seen.stamps >= command.told - LEAD_IN) & (seen.stamps <= command.ended)
     stamps, q, v = seen.stamps[inside], seen.q[inside, joint], seen.v[inside, joint]
@@ -145,7 +144,7 @@ def measure_stop(
     noise = estimate_noise(seen.v[:, joint])
     slow = np.flatnonzero((speed <= _TAIL * abs(start)) & (stamps > command.told))
     if not len(slow):
-        return UnmeasuredStop(name, command, "it ends before the joint is slow", float("inf"))
+        return UnmeasuredStop(name, command, "the STOP ends before the joint is slow", float("inf"))
     fit = _fit_break(stamps[: slow[0] + 1], speed[: slow[0] + 1], command.told)
     if isinstance(fit, str):
         return UnmeasuredStop(name, command, fit)
@@ -156,7 +155,9 @@ def measure_stop(
     # Below this a sample does not tell whether the joint moves.
     least = max(4.0 * noise, 0.01 * abs(start))
     if not 2.0 * least < np.minimum(speed[1:], speed[:-1]).max():
-        return UnmeasuredStop(name, command, "noise of its velocity hides when it rests")
+        return UnmeasuredStop(
+            name, command, "noise of its velocity hides when the joint is at rest"
+        )
     rest = max(
         _find_rest_by_speed(stamps, speed, least, fit.deceleration),
         _find_rest_by_position(stamps, position, DEVIATIONS * position_noise),
@@ -164,7 +165,7 @@ def measure_stop(
     # The means end before the last state.
     if not rest <= stamps[-_AVERAGED]:
         response = fit.latest - command.told
-        return UnmeasuredStop(name, command, "it ends before the joint rests", response)
+        return UnmeasuredStop(name, command, "the STOP ends before the joint is at rest", response)
     distance = float(position[stamps >= fit.earliest].max() - bite)
     distance += 2.0 * DEVIATIONS * position_noise
     time = rest - fit.earliest
@@ -223,7 +224,7 @@ def _find_rest_by_position(stamps: FloatArray, position: FloatArray, least: floa
 
 
 class _Break(NamedTuple):
-    """Two lines that meet where the brakes bit."""
+    """Two lines that meet where the brakes engaged."""
 
     earliest: float
     latest: float
@@ -238,12 +239,12 @@ class _Break(NamedTuple):
 def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | str:
     """Fit both lines to a course of speeds that ends while the joint still slows down."""
     if len(stamps) < 2 * _FEWEST + 1:
-        return f"only {len(stamps)} joint states while it slows down"
+        return f"only {len(stamps)} joint states during its deceleration"
     gaps = np.diff(stamps)
     usable = (stamps >= max(told, stamps[_FEWEST - 1])) & (stamps <= stamps[-_FEWEST])
     places = stamps[usable]
     if not len(places):
-        return f"fewer than {_FEWEST} joint states before or after its brakes bit"
+        return f"fewer than {_FEWEST} joint states before or after its brakes engaged"
     freedom = len(stamps) - 4
     worst = 1.0 + DEVIATIONS**2 / freedom
     # At the states first, and then between those that are not much worse than the best.
@@ -257,7 +258,7 @@ def _fit_break(stamps: FloatArray, speed: FloatArray, told: float) -> _Break | s
     best = int(np.argmin(squares))
     level, before, after = lines[best]
     if not -after > 0.0 or not before - after >= _LEAST_BREAK * -after:
-        return "it slowed down already, so that its brakes cannot be told from its plan"
+        return "it already decelerated, so its brakes cannot be distinguished from its plan"
     variance = squares[best] / freedom
     possible = places[squares <= squares[best] * worst]
     # Nor is it known what happens between two states.

@@ -63,11 +63,11 @@ NO_PLANNING = PlanningLimits((), {}, {}, ())
 """Where there is no file of MoveIt's."""
 
 DRAWN = "drawn"
-"""Answer that takes what a link is drawn with for its collision geometry."""
+"""Answer that uses the visual geometry of links as collision geometry."""
 
 
 def run_new(wishes: cli.NewRobot) -> int:
-    """Write the folder of a new robot, and print what in it is no data of the arm; the exit code.
+    """Write the folder of a new robot and print which values are no data of the arm; the exit code.
 
     Raises:
         ArmguardError: Something is missing, unusable or contradictory; nothing is written then.
@@ -88,7 +88,7 @@ def run_new(wishes: cli.NewRobot) -> int:
     for line in choices:
         _print(f"- {line}")
     if planning.unused:
-        _print(f"not used of {wishes.joint_limits}: {', '.join(planning.unused)}")
+        _print(f"not used from {wishes.joint_limits}: {', '.join(planning.unused)}")
     # Read back as every command reads it, so that nothing is promised that cannot be loaded.
     Robot.load(wishes.out.absolute())
     print_json(
@@ -102,13 +102,13 @@ def run_new(wishes: cli.NewRobot) -> int:
     _print(
         f"next: armguard show {wishes.out}; armguard demo --robot {wishes.out}; in a cell file "
         f'[robot] name = "{wishes.out}" (relative to its folder), and operating = "published" if '
-        "your controller keeps to the operating limits: without it none are in force"
+        "your controller enforces the operating limits: without it, armguard uses none"
     )
     return 0
 
 
 def _check_title(wishes: cli.NewRobot) -> None:
-    """Refuse what would end the line of robot.toml that it stands in, or cannot be written."""
+    """Refuse text that would break its line of robot.toml or that cannot be written."""
     option = "--title" if wishes.title else "--out"
     title = wishes.title or wishes.out.resolve().name
     if not title.isprintable():
@@ -126,9 +126,9 @@ def prepare(
     """Describe a robot, and read it by its description; nothing is written.
 
     Args:
-        wishes: What the command line says.
-        planning: What MoveIt's limits say.
-        asker: Answers what is missing.
+        wishes: Options of the command line.
+        planning: MoveIt's limits.
+        asker: Answers questions about missing values.
 
     Returns:
         The description, its text, the robot without a cover, and the text of a URDF that is to be
@@ -153,7 +153,7 @@ def prepare(
 def make_folder(
     wishes: cli.NewRobot, planning: PlanningLimits, asker: Asker
 ) -> tuple[NewRobot, CoverReport]:
-    """Describe a robot, fit and prove its cover, and write both; what it is like.
+    """Describe a robot, fit and prove its cover, write both, and return the report of the cover.
 
     Nothing is written where a link is not inside its spheres.
 
@@ -203,7 +203,7 @@ def ask_on_terminal(text: str) -> str:
 def describe(
     wishes: cli.NewRobot, source: UrdfSource, planning: PlanningLimits, asker: Asker
 ) -> NewRobot:
-    """All that robot.toml is to say, from options, the model file, MoveIt's limits and answers.
+    """Content of robot.toml, from options, the model file, MoveIt's limits and answers.
 
     Raises:
         RobotError: Something is missing or unusable.
@@ -241,7 +241,7 @@ def describe(
         figures[name] = ask(name, known, {}, given)
     load = asker.choose(
         "--load",
-        "load at the tool up to which the brakes hold what comes next, in kg",
+        "load at the tool up to which the decelerations of the brakes hold, in kg",
         f"{LOAD:g}",
         wishes.load,
     )
@@ -281,7 +281,7 @@ _DEFAULTS = JointDescription(velocity=1.0, acceleration=1.0)
 def settle_joints(
     wishes: cli.NewRobot, urdf: UrdfModel, asker: Asker
 ) -> tuple[list[str], dict[str, LockedJoint]]:
-    """Which joints are watched, and where those rest or travel that have to do with them.
+    """Which joints are watched, and the positions or ranges of joints that affect them.
 
     Raises:
         RobotError: A joint is unknown, or nothing can be said of one that is not watched.
@@ -327,20 +327,20 @@ def settle_joints(
 
 
 def _settle_carrier(joint: str, coupled: set[str], urdf: UrdfModel, asker: Asker) -> LockedJoint:
-    """Where a joint stands still that carries watched ones; nobody else can know it."""
+    """The fixed position of a joint that carries watched joints; only the user can know it."""
     option = f"--lock {joint}=POSITION"
     if joint in coupled:
         raise RobotError(
             f"joint {joint!r}",
             "mimics another, or is mimicked, and carries joints that are watched",
-            remedy=f"if it stands still, give {option}",
+            remedy=f"if it never moves, give {option}",
         )
     index = urdf.model.joints[urdf.model.getJointId(joint)].idx_q
     lower, upper = urdf.model.lowerPositionLimit[index], urdf.model.upperPositionLimit[index]
     nearest = float(min(max(0.0, lower), upper)) if lower < upper else 0.0
     answer = asker.choose(
         option,
-        f"joint {joint} carries watched joints and is not watched: where it stands still",
+        f"joint {joint} carries watched joints and is not watched: the position at which it stays",
         f"{nearest:g}",
         None,
         is_guess=True,
@@ -355,7 +355,7 @@ def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
         raise RobotError(
             f"joint {joint!r}",
             "is not watched, and the model file gives no travel of at most one turn",
-            remedy=f"watch it by --joints, or give --lock {joint}=POSITION if it stands still",
+            remedy=f"watch it by --joints, or give --lock {joint}=POSITION if it never moves",
         )
     return LockedJoint(travel=travel)
 
@@ -363,7 +363,7 @@ def _travel(urdf: UrdfModel, joint: str) -> LockedJoint:
 def settle_bare_links(
     wishes: cli.NewRobot, urdf: UrdfModel, watched: Sequence[str], asker: Asker
 ) -> tuple[list[str], list[str]]:
-    """Links that are collided with as they are drawn, and links that go uncovered.
+    """Links whose visual geometry is used for collision, and links that stay uncovered.
 
     Raises:
         RobotError: A link is neither, or is named that is not only drawn.
@@ -375,8 +375,8 @@ def settle_bare_links(
     if left:
         answer = asker.choose(
             "--collision-from-visual",
-            f"links {', '.join(left)} are drawn and move, and have no collision geometry: take "
-            f'what is drawn ("{DRAWN}"), or name those to leave uncovered (--bare-links)',
+            f"links {', '.join(left)} move and have visual but no collision geometry: use the "
+            f'visual geometry ("{DRAWN}"), or name the links to leave uncovered (--bare-links)',
             DRAWN,
             None,
         )
@@ -401,7 +401,7 @@ def _take(
     path: Path | None,
     hardware: Mapping[str, Figure[float]],
 ) -> dict[str, Figure[float]]:
-    """MoveIt's limits of watched joints, refused where the hardware could not keep them."""
+    """MoveIt's limits of watched joints, refused where they exceed the hardware's limits."""
     taken = {}
     file = "" if path is None else path.name
     for joint in joints:
@@ -427,7 +427,7 @@ def _derive(
     given: Sequence[str],
     derive: Callable[[], dict[str, Figure[float]]],
 ) -> dict[str, Figure[float]]:
-    """What is usual of joints; nothing where all is given, since it takes seconds to derive."""
+    """Default values of joints; empty if all are given, since deriving them takes seconds."""
     names = {item.rpartition("=")[0] for item in given}
     if "" in names or names >= set(joints):
         return {}
@@ -440,7 +440,7 @@ def write_folder(folder: Path, text: str, cover: Cover, urdf: str | None) -> Non
     """Write all files of a robot; robot.toml, which makes the folder one, comes last.
 
     Raises:
-        RobotError: Something cannot be written; what was is removed.
+        RobotError: Something cannot be written; files that were written are removed.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

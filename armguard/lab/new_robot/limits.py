@@ -29,13 +29,14 @@ from armguard.robot.joints import is_prismatic, reduce_model
 from armguard.robot.urdf import UrdfModel
 
 SAMPLES = 5000
-"""Configurations that efforts are looked at in: about a second."""
+"""Number of configurations in which efforts are computed: this takes about a second."""
 
 SLOW = 0.3
 """Share of the velocity limits at which decelerations are derived from efforts."""
 
 MOST_SHARE = 5.0
-"""Efforts are not believed to stop an arm from full speed in less than 0.2 s, in [1/s]."""
+"""Greatest derived deceleration, as a share of the velocity limit, in [1/s]: a stop takes at least
+0.2 s."""
 
 TURN_RANGE = (-2.0 * math.pi, 2.0 * math.pi)
 TURN_SPEED, SLIDE_SPEED = math.pi, 2.0
@@ -53,39 +54,37 @@ ACCELERATION_DERIVED = (
     "the links alone, over the workspace, and a quarter more"
 )
 ACCELERATION_CHOSEN = (
-    "CHOSEN: full speed within 20 ms, several times harder than arms are known to stop; the model "
+    "CHOSEN: full speed within 20 ms, several times the known decelerations of arms; the model "
     "file's efforts "
 )
-HIDDEN, LESS = "and inertias do not tell", "would allow less"
+HIDDEN, LESS = "and inertias do not determine it", "would allow less"
 """Why: its last words."""
 
 BRAKES_CHOSEN = (
-    "CHOSEN: at rest from full speed within 0.65 s, the longest that the UR10/CB3 user manual "
-    "gives for a whole arm; the model file's efforts and inertias do not tell"
+    "CHOSEN: at rest from full speed within 0.65 s, the longest stop of a whole arm in the "
+    "UR10/CB3 user manual; the model file's efforts and inertias do not determine it"
 )
 LOAD_CHOSEN = "CHOSEN: 1 kg at the tool"
-ERROR_CHOSEN = (
-    "CHOSEN: armguard's default; the model file does not say how well joints are measured"
-)
+ERROR_CHOSEN = "CHOSEN: armguard's default; the model file states no measurement error of joints"
 WORK_SPEED_CHOSEN = "CHOSEN: the velocity limits"
 WORK_ACCELERATION_CHOSEN = (
-    "CHOSEN: 5 rad/s², what Universal Robots' MoveIt configuration keeps its arms to, or 1 m/s²"
+    "CHOSEN: 5 rad/s², the limit in Universal Robots' MoveIt configuration, or 1 m/s²"
 )
 
 
 class JointFacts:
-    """What a URDF says of the joints that are to be watched.
+    """Data in a URDF about the watched joints.
 
     Args:
         urdf: The whole robot.
         watched: Names of the joints that are watched.
-        locked: Where the others rest, or travel.
-        origin: What the model file is called where it is a source.
+        locked: Positions or ranges of the other joints.
+        origin: Name of the model file in source texts.
 
     Attributes:
         joints: The watched joints, in model order.
         model: `pinocchio.Model` reduced to them.
-        turning: Those that turn; the others slide.
+        turning: The revolute ones; the others are prismatic.
         continuous: Those without a range.
         positions: Of those with a usable range in the model file.
         velocities: Of those with a usable limit in the model file.
@@ -128,7 +127,7 @@ class JointFacts:
                 self.velocities[joint] = Figure(velocity, origin)
 
     def refuse_ranges(self, given: Sequence[str]) -> None:
-        """Refuse ranges of the model file that are none, where no `--position` names their joint.
+        """Refuse unusable ranges of the model file whose joint no `--position` names.
 
         Raises:
             RobotError: There is one.
@@ -157,7 +156,7 @@ class JointFacts:
     def put(
         self, positions: Mapping[str, Figure[Range]], velocities: Mapping[str, Figure[float]]
     ) -> None:
-        """Let the model have these limits, which what is usual of the others rests on."""
+        """Give the model these limits, on which the other default values depend."""
         ranges = [
             positions[joint].value if joint in positions else (-math.inf, math.inf)
             for joint in self.joints
@@ -167,11 +166,10 @@ class JointFacts:
         self.model.velocityLimit = np.array([velocities[joint].value for joint in self.joints])
 
     def derive_accelerations(self) -> dict[str, Figure[float]]:
-        """What is usual, in [rad/s²] or [m/s²]: derived where efforts and inertias tell.
+        """Default values, in [rad/s²] or [m/s²], derived where efforts and inertias determine them.
 
-        Efforts that do not even hold the links are none of this arm, and are not believed. Nor is
-        it believed that brakes grip no harder than weak motors push: what is chosen without efforts
-        is the least.
+        Efforts that cannot hold the links are not those of this arm and are ignored. Brakes can be
+        stronger than weak motors, so the value chosen without efforts is the minimum.
         """
         speeds = self.model.velocityLimit
         chosen = {
@@ -195,7 +193,7 @@ class JointFacts:
     def derive_decelerations(
         self, load: float, accelerations: Mapping[str, Figure[float]]
     ) -> dict[str, Figure[float]]:
-        """What is usual under a load in [kg]: in [rad/s²] or [m/s²], for all joints one share."""
+        """Default values with a load in [kg], in [rad/s²] or [m/s²]; one share for all joints."""
         speeds: FloatArray = self.model.velocityLimit
         share, source = 1.0 / REST_TIME, BRAKES_CHOSEN
         if self._has_efforts:
@@ -206,8 +204,8 @@ class JointFacts:
                 source = (
                     f"DERIVED: the model file's effort limits support {least / HELD:.3f} of the "
                     f"velocity limits per second with {load:g} kg in the frame of the last joint "
-                    f"at up to {100.0 * SLOW:g} % speed, and {taken} is taken; CHOSEN to hold up "
-                    "to full speed as well"
+                    f"at up to {100.0 * SLOW:g} % speed, and armguard uses {taken}; CHOSEN to hold "
+                    f"up to full speed as well"
                 )
         return {
             joint: Figure(min(round_down(share * float(speed)), accelerations[joint].value), source)
@@ -230,7 +228,7 @@ class JointFacts:
         }
 
     def _find_least_share(self, load: float) -> float:
-        """Share of the velocity limits that efforts take away per second under a load in [kg]."""
+        """Share of the velocity limits that efforts brake per second with a load in [kg]."""
         speeds: FloatArray = self.model.velocityLimit
         shares = compute_supported_shares(
             self.model, speeds, load, np.zeros(3), SLOW * speeds, SAMPLES
@@ -239,7 +237,7 @@ class JointFacts:
 
     @property
     def _has_efforts(self) -> bool:
-        """Whether the model file says what motors push with, and what they move."""
+        """Whether the model file states effort limits and inertias."""
         efforts = self.model.effortLimit
         masses = [inertia.mass for inertia in self.model.inertias[1:]]
         usable = bool(((efforts > 0.0) & (efforts < np.inf)).all())
@@ -247,7 +245,7 @@ class JointFacts:
 
 
 def find_coupled(urdf: UrdfModel, watched: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Joints that carry a watched one, and joints that are carried by one, beside the watched."""
+    """Unwatched joints that carry a watched joint, or that a watched joint carries."""
     model: Any = urdf.model
     numbers = {model.getJointId(joint) for joint in watched}
     carriers = {ancestor for joint in numbers for ancestor in model.supports[joint]}
@@ -258,7 +256,7 @@ def find_coupled(urdf: UrdfModel, watched: Sequence[str]) -> tuple[list[str], li
 
 
 def find_bare(urdf: UrdfModel, watched: Sequence[str]) -> list[str]:
-    """Links that are drawn and moved by a watched joint, and have no collision geometry."""
+    """Links with visual but no collision geometry that a watched joint moves."""
     model: Any = urdf.model
     moving = {model.getJointId(joint) for joint in watched}
     bare = []
@@ -270,7 +268,7 @@ def find_bare(urdf: UrdfModel, watched: Sequence[str]) -> list[str]:
 
 
 def find_travel(urdf: UrdfModel, joint: str) -> Range | None:
-    """The range of a joint that may be anywhere in it; None where no cover could have it.
+    """The range in which a joint can be anywhere; None where no cover can contain it.
 
     A joint that mimics another may be in its own range and wherever the range of its leader takes
     it: URDFs whose two ranges differ do not say which of them is wrong. Where its leader is no

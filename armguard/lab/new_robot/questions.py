@@ -1,8 +1,8 @@
 """Asks for values that a URDF lacks: on a terminal, by options, or by default values.
 
-An option comes first, then what the model file has. What is still missing is asked for on a
-terminal, where Enter takes what is usual; elsewhere it is a mistake that names the option, unless
-the caller takes all that is usual.
+Options have priority over the model file. On a terminal, armguard asks for each value that is still
+missing, and Enter accepts the default value. Without a terminal, a missing value is an error that
+names the option, unless the caller accepts all default values.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from armguard.exceptions import RobotError
 
 GIVEN = "GIVEN to `armguard robot new`: replace this text with the source of the value"
-"""Source of what a user answers."""
+"""Source of a user's answer."""
 
 Range = tuple[float, float]
 Amount = TypeVar("Amount", float, Range)
@@ -31,13 +31,13 @@ class Figure(NamedTuple, Generic[Amount]):
 
 
 class Kind(NamedTuple):
-    """What is said of each joint of a robot."""
+    """A quantity that each joint of a robot has."""
 
     name: str
     """In the plural."""
     unit: str
     meaning: str
-    """What it is relied on for."""
+    """The statement that armguard relies on."""
     read: Callable[[str, str], Any]
     """Reads an amount, named by its first argument, from text."""
 
@@ -46,16 +46,16 @@ class Kind(NamedTuple):
 
 
 class Question(NamedTuple, Generic[Amount]):
-    """What is asked of the joints of a robot."""
+    """A question about the joints of a robot."""
 
     option: str
     """With which it is answered on the command line."""
     kind: Kind
-    """What is asked for."""
+    """The quantity."""
     known: Mapping[str, Figure[Amount]]
-    """By joint, what need not be asked for."""
+    """Known values, by joint."""
     usual: Mapping[str, Figure[Amount]]
-    """By joint, what is usual, where something is."""
+    """Default values, by joint, where there are any."""
 
 
 class Asker:
@@ -63,7 +63,7 @@ class Asker:
 
     Args:
         ask: Shows a text and returns the answer of somebody at a terminal; None: there is nobody.
-        takes_usual: Whether what is usual is taken without a question.
+        takes_usual: Whether default values are accepted without a question.
     """
 
     def __init__(self, ask: Callable[[str], str] | None, *, takes_usual: bool) -> None:
@@ -76,10 +76,10 @@ class Asker:
         """A figure of each joint.
 
         Args:
-            question: What is asked.
+            question: The question.
             joints: All joints that need one.
-            given: What was said on the command line: AMOUNT for all joints that lack one, or
-                JOINT=AMOUNT, which goes before what is known; patterns as "wrist_*" are allowed.
+            given: Values from the command line: AMOUNT for all joints that lack one, or
+                JOINT=AMOUNT, which replaces a known value; patterns such as "wrist_*" are allowed.
 
         Raises:
             RobotError: An answer is unusable, or missing.
@@ -94,7 +94,7 @@ class Asker:
         if lacking:
             remedy = ""
             if all(joint in question.usual for joint in lacking):
-                remedy = f"--yes takes what is usual: {_list(question.usual, lacking)}"
+                remedy = f"--yes accepts the default: {_list(question.usual, lacking)}"
             is_number = question.kind.read is not read_range
             raise RobotError(
                 question.option,
@@ -109,14 +109,14 @@ class Asker:
     def choose(
         self, option: str, what: str, usual: str, given: str | None, *, is_guess: bool = False
     ) -> str:
-        """One answer that is no figure of joints; `usual` where Enter or `--yes` takes it.
+        """One answer that is not about joints; `usual` if Enter or `--yes` accepts it.
 
         Args:
-            option: With which it is answered on the command line.
-            what: What is asked.
-            usual: What Enter takes.
-            given: What was said on the command line.
-            is_guess: Whether `usual` may be far from the truth, so that `--yes` does not take it.
+            option: The command-line option that answers it.
+            what: Text of the question.
+            usual: The default value, which Enter accepts.
+            given: The answer from the command line.
+            is_guess: Whether `usual` may be far from the truth, so that `--yes` does not accept it.
 
         Raises:
             RobotError: It is missing.
@@ -130,24 +130,24 @@ class Asker:
             raise RobotError(
                 option,
                 f"is missing: {what}",
-                remedy=remedy if is_guess else f"--yes takes what is usual: {usual}",
+                remedy=remedy if is_guess else f"--yes accepts the default: {usual}",
             )
         return self._ask(f"\n{what} ({option})\n  [{usual}] ").strip() or usual
 
     def _put(
         self, question: Question[Amount], joints: Sequence[str], lacking: Sequence[str]
     ) -> dict[str, Figure[Amount]]:
-        """Ask on the terminal until all that is lacking is answered."""
+        """Ask on the terminal until no value is missing."""
         assert self._ask is not None
         kind, names = question.kind, ", ".join(lacking)
         text = f"\n{kind} of {names}: {kind.meaning} ({question.option})"
         usual = {joint: question.usual[joint] for joint in lacking if joint in question.usual}
         for source, members in group_by_source(usual).items():
-            text += f"\n  usual: {_list(usual, members)} ({source})"
+            text += f"\n  default: {_list(usual, members)} ({source})"
         found: dict[str, Figure[Amount]] = {}
         while len(found) < len(lacking):
             left = [joint for joint in lacking if joint not in found]
-            answer = self._ask(f"{text}\n  [{'usual' if usual else 'no default'}] ")
+            answer = self._ask(f"{text}\n  [{'default' if usual else 'no default'}] ")
             try:
                 read = read_answers(question, joints, answer.split())
             except RobotError as error:
@@ -155,14 +155,14 @@ class Asker:
                 continue
             # Enter, or an answer for some of them, leaves the others to what is usual.
             found |= read | {j: usual[j] for j in left if j in usual and j not in read}
-            text = f"  still open: {', '.join(j for j in lacking if j not in found)}"
+            text = f"  still missing: {', '.join(j for j in lacking if j not in found)}"
         return found
 
 
 def read_answers(
     question: Question[Amount], joints: Sequence[str], given: Sequence[str]
 ) -> dict[str, Figure[Amount]]:
-    """What was said: AMOUNT, for joints that lack one, or JOINT=AMOUNT.
+    """Answers by joint: AMOUNT, for joints that lack one, or JOINT=AMOUNT.
 
     Raises:
         RobotError: A joint is unknown, or an amount unusable.
@@ -188,12 +188,12 @@ def group_by_source(figures: Mapping[str, Figure[Amount]]) -> dict[str, list[str
 
 
 def put_general_first(given: Sequence[str]) -> list[str]:
-    """Amounts for all joints before those of named ones, which they do not take away."""
+    """Amounts for all joints first; amounts of named joints then replace them."""
     return sorted(given, key=lambda item: "=" in item)
 
 
 def match_all(option: str, patterns: Sequence[str], names: Collection[str]) -> list[str]:
-    """The names that any of the patterns fits.
+    """The names that match any of the patterns.
 
     Raises:
         RobotError: There is none for one of them.
@@ -202,7 +202,7 @@ def match_all(option: str, patterns: Sequence[str], names: Collection[str]) -> l
 
 
 def match(option: str, pattern: str, names: Collection[str]) -> list[str]:
-    """The names that a pattern fits.
+    """The names that match a pattern.
 
     Raises:
         RobotError: There is none.
@@ -267,34 +267,44 @@ def _spell(value: float | Range) -> str:
 _SPEED, _ACCELERATION = "rad/s or m/s", "rad/s² or m/s²"
 
 KINDS = {
-    "position": Kind("position limits", "rad or m", "no joint ever leaves them", read_range),
-    "velocity": Kind("velocity limits", _SPEED, "no joint is ever faster", read_number),
+    "position": Kind(
+        "position limits", "rad or m", "no joint ever leaves these limits", read_range
+    ),
+    "velocity": Kind("velocity limits", _SPEED, "no joint ever exceeds this speed", read_number),
     "acceleration": Kind(
         "acceleration limits",
         _ACCELERATION,
-        "no joint ever speeds up or slows down harder, emergency stops included",
+        "no joint ever accelerates or decelerates more, emergency stops included",
         read_number,
     ),
     "position_error": Kind(
-        "position errors", "rad or m", "no measured state is off by more", read_amount
+        "position errors", "rad or m", "no measured position has a greater error", read_amount
     ),
     "velocity_error": Kind(
-        "velocity errors", _SPEED, "no measured state is off by more", read_amount
+        "velocity errors", _SPEED, "no measured velocity has a greater error", read_amount
     ),
-    "load": Kind("load of the brakes", "kg", "up to it the brakes hold", read_amount),
+    "load": Kind(
+        "load of the brakes",
+        "kg",
+        "the decelerations of the brakes hold up to this load",
+        read_amount,
+    ),
     "deceleration": Kind(
         "decelerations of the brakes",
         _ACCELERATION,
-        "a stop with that load is never gentler, from whatever speed",
+        "every stop with that load decelerates at least this much, from any speed",
         read_number,
     ),
     "operating_velocity": Kind(
-        "operating velocities", _SPEED, "the controller keeps to them at work", read_number
+        "operating velocities",
+        _SPEED,
+        "the controller enforces them",
+        read_number,
     ),
     "operating_acceleration": Kind(
         "operating accelerations",
         _ACCELERATION,
-        "the controller speeds joints up no harder at work",
+        "the controller enforces them",
         read_number,
     ),
 }

@@ -13,36 +13,36 @@ from armguard.robot.description import find_example_urdf
 from armguard.robot.ros_parameters import read_robot_description
 
 URDF = "robot.urdf"
-"""What a URDF is called that was taken out of a parameter file, beside robot.toml."""
+"""File name, beside robot.toml, of a URDF that was extracted from a parameter file."""
 
 PARAMETER_ENDINGS = (".yaml", ".yml")
 
 
 class UrdfSource(NamedTuple):
-    """A URDF and what its robot.toml says of it."""
+    """A URDF and its entries in robot.toml."""
 
     path: Path
     """Where it can be read now."""
     folders: list[Path]
-    """In which `package://` names are looked up."""
+    """Folders in which `package://` names are looked up."""
     text: str | None
-    """What is to be written beside robot.toml; None where the file stays where it is."""
+    """Text to write beside robot.toml; None if the file stays at its place."""
     key: str
     """`urdf` of robot.toml."""
     package_keys: tuple[str, ...]
     """`package_dirs` of robot.toml."""
     origin: str
-    """What it is called where limits name their source."""
+    """Its name in the source texts of limits."""
 
 
 def find_urdf(name: Path, out: Path, package_dirs: Sequence[Path], scratch: Path) -> UrdfSource:
     """Find a URDF: a file, one below `robots/` of example-robot-data, or in a parameter file.
 
     Args:
-        name: What the user calls it.
+        name: The name that the user gives.
         out: The folder of the robot.toml to be.
         package_dirs: Folders in which `package://` names are looked up, beside those around it.
-        scratch: A folder for what is taken out of a parameter file.
+        scratch: A folder for the URDF of a parameter file.
 
     Raises:
         RobotError: There is no such file, or it has no URDF.
@@ -94,7 +94,7 @@ def _find_in_examples(path: Path) -> str | None:
 
 
 def _refuse_loose_meshes(name: Path, text: str) -> None:
-    """Refuse mesh names that are relative to a file that there is not."""
+    """Refuse mesh names that are relative to a URDF without a file."""
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -104,7 +104,7 @@ def _refuse_loose_meshes(name: Path, text: str) -> None:
         if "://" not in file and not Path(file).is_absolute():
             raise RobotError(
                 f"{name}: mesh {file!r}",
-                "is relative to a URDF that is no file of its own",
+                "is relative, but the URDF is not a separate file",
                 expected="package://… or file://…",
             )
 

@@ -10,8 +10,8 @@ from armguard.lab.new_robot.questions import KINDS, Figure, Range, group_by_sour
 from armguard.robot.description import LockedJoint
 
 LOCKED = (
-    "# Not watched. `travel`: its links count as all that they reach; `position`: the joint must "
-    "stand still."
+    "# Not watched. `travel`: its links count as everything that they can reach; `position`: the "
+    "joint must not move."
 )
 
 LIMITS = ("position", "velocity", "acceleration")
@@ -19,7 +19,7 @@ LIMITS = ("position", "velocity", "acceleration")
 
 
 class NewRobot(NamedTuple):
-    """All that a new robot.toml says; figures by joint, in the order of the model."""
+    """Content of a new robot.toml; figures by joint, in the order of the model."""
 
     title: str
     urdf: str
@@ -36,7 +36,7 @@ def write_text(new: NewRobot) -> str:
     lines = [
         f"# {new.title}: written by `armguard robot new`; docs/robot.md says what each key means.",
         "# Units: rad, rad/s, rad/s²; of joints that slide m, m/s, m/s². What is CHOSEN or",
-        "# DERIVED is no data of this arm: put what its maker states in its place, and its source.",
+        "# DERIVED is no data of this arm: replace it with its maker's values and their source.",
         "",
         f"title = {quote(new.title)}",
         f"urdf = {quote(new.urdf)}",
@@ -57,8 +57,8 @@ def write_text(new: NewRobot) -> str:
         place = f"{key} = {_write_value(getattr(entry, key))}"
         lines += [f"[locked.{quote_key(joint)}]", place, ""]
     lines += [
-        "# What its controller keeps to while it moves. It counts only for those who ask for it,",
-        '# as by operating = "published" in a cell file, and see to it that it is kept.',
+        "# Limits that its controller enforces during motion. armguard uses them only on request,",
+        '# such as operating = "published" in a cell file; the user must enforce them.',
         "[operating.published.sources]",
     ]
     working = {key: new.figures[f"operating_{key}"] for key in ("velocity", "acceleration")}
@@ -90,9 +90,9 @@ def _write_joint(new: NewRobot, joint: str, general: Mapping[str, str]) -> list[
 def _write_brakes(new: NewRobot) -> list[str]:
     """One row of brakes for each source, so that each figure has its own."""
     lines = [
-        "# What is known of its brakes: up to this load [kg] at the tool and this speed of each",
-        "# joint, it decelerates by this at each instant. Makers publish stopping times and",
-        "# distances instead: stopping_time and stopping_distance take them.",
+        "# Brakes: up to this load [kg] at the tool and this speed of each joint, they decelerate",
+        "# it by at least this at each instant. Makers publish stopping times and distances:",
+        "# write those as stopping_time and stopping_distance.",
     ]
     figures, load = new.figures, new.figures["load"][""]
     for source, joints in group_by_source(figures["deceleration"]).items():
@@ -128,7 +128,7 @@ def _find_usual_source(figures: Mapping[str, Figure[float]]) -> str:
 
 
 def _join_sources(figures: Mapping[str, Figure[float]]) -> str:
-    """The sources of figures that have one between them, with the joints where they differ."""
+    """The sources of figures in one text, with the joints where they differ."""
     by_source = group_by_source(figures)
     if len(by_source) == 1:
         return next(iter(by_source))
@@ -136,7 +136,7 @@ def _join_sources(figures: Mapping[str, Figure[float]]) -> str:
 
 
 def list_choices(new: NewRobot) -> list[str]:
-    """What is no data of this arm, one line each."""
+    """Values that are no data of this arm, one line each."""
     lines = []
     for name, kind in KINDS.items():
         figures = new.figures[name]

@@ -44,7 +44,7 @@ def run_people(
     position_error: float | None = None,
     height: float | None = None,
 ) -> int:
-    """Print what recordings hold, and with `check` what they say of bounds and errors.
+    """Print the content of recordings, and with `check` measured bounds and errors.
 
     Args:
         files: Recordings; none: the motion captures in the folder ARMGUARD_RECORDINGS.
@@ -158,7 +158,7 @@ def _draw_tables(found: Findings) -> list[Table]:
     heads = ("part", "bounds", "broken", "jitter", "hidden", "times", "p50", "p99", "longest")
     caption = (
         "Bounds in m/s² and m/s; broken and hidden in % of samples; jitter in mm. "
-        "Joints were hidden so many times, for so long in ms."
+        "Hidden: how many times, and for how long in ms."
     )
     tables = [make_table(heads, parts, caption=caption)]
     bones = []
@@ -173,15 +173,15 @@ def _draw_tables(found: Findings) -> list[Table]:
 
 
 def _list_advice(found: Findings) -> list[str]:
-    """What to do about what was found, in sentences."""
+    """Advice about the results, in sentences."""
     lines = [
-        f"Position error: {1e3 * found.proposed_error:.0f} mm explain 99.9 % of samples, jitter "
-        f"and placement alike; {1e3 * found.position_error:.0f} mm count here. A constant offset "
-        "does not show: measure it otherwise, and add it."
+        f"Position error: {1e3 * found.proposed_error:.0f} mm explains 99.9 % of samples, for "
+        f"jitter and for placement; {1e3 * found.position_error:.0f} mm is used here. A constant "
+        f"offset is not visible: measure it separately, and add it."
     ]
     if not found.bounds:
         lines.append(
-            f"Bounds were not measured: that needs {SLOWEST_RATE:g} frames a second or more."
+            f"Bounds were not measured: they need {SLOWEST_RATE:g} frames per second or more."
         )
     few = [part for part, one in found.bounds.items() if one.clean < ENOUGH]
     if few:
@@ -189,20 +189,20 @@ def _list_advice(found: Findings) -> list[str]:
     wider = [part for part, one in found.proposed.items() if one != BOUNDS[part]]
     if wider:
         lines.append(
-            f"Bounds of {', '.join(wider)} were broken, errors included: state those below, and "
-            "hand them to Skeleton(bounds=...)."
+            f"Bounds of {', '.join(wider)} were broken, errors included: state the bounds below, "
+            f"and pass them to Skeleton(bounds=...)."
         )
     never = sorted(JOINTS & {joint for one in found.hidden.values() for joint in one.never})
     if never:
         lines.append(
-            f"Never seen: {', '.join(never)}. Parts of which no joint is seen are not "
-            "watched: let the camera see them, or make sure that they cannot reach the arm."
+            f"Never seen: {', '.join(never)}. Parts without a visible joint are not watched: let "
+            f"the camera see them, or make sure that they cannot reach the arm."
         )
     broken = [name for name, one in found.bones.items() if one.broken > 0.0]
     if broken:
         lines.append(
             f"Longer than stated, errors included: {', '.join(broken)}. Joints are swapped or "
-            "placed wrongly there; a tether that breaks is not used for a while."
+            f"misplaced there; armguard ignores a broken tether for a while."
         )
     return lines
 

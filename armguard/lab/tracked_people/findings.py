@@ -1,14 +1,14 @@
 """Measurements of tracked people: broken bounds, hidden joints, bone lengths, errors.
 
-Two errors are found from the samples themselves. *Jitter*: fourth differences of positions have
-little left of people's motion, and 8.4 times the noise of each sample. Their median is unmoved by
-jumps, and says what white noise of that size is in 99.9 % of samples. What is left of a fast motion
-counts as noise, which makes errors larger. *Placement*: a bone has one length, taken to be the
-median of its samples; one that differs from it by d says that an end was off by d / 2, and 99.9 %
-of these count. The larger one is proposed as position error. Neither shows a constant offset, nor
-errors that a kit has smoothed to slow ones: compare it with something that is measured otherwise.
+Two errors are computed from the samples themselves. *Jitter*: fourth differences of positions
+contain little of people's motion, and 8.4 times the noise of each sample. Jumps do not change their
+median, from which the 99.9 % bound of white noise follows. The rest of a fast motion counts as
+noise, which makes errors larger. *Placement*: a bone has one length, the median of its samples. A
+sample that differs by d shows that an end was off by d / 2; the 99.9 % percentile counts. The
+larger error is proposed as position error. Neither shows a constant offset or errors that a kit has
+smoothed: compare with an independent measurement.
 
-A bound is broken where jitter, or the position error that is stated, cannot explain it.
+A bound counts as broken if neither jitter nor the stated position error explains the sample.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ _BONES = {
 
 
 class Hidden(NamedTuple):
-    """How often, and how long at a time, joints of a part were not seen."""
+    """How often, and for how long, joints of a part were hidden."""
 
     share: float
     """Of samples since a joint was first seen; NaN where none was."""
@@ -85,7 +85,7 @@ class Hidden(NamedTuple):
 
 
 class Bone(NamedTuple):
-    """What was seen of the length of a bone, both sides and all people together."""
+    """Measured lengths of a bone, both sides and all people together."""
 
     samples: int
     stated: float
@@ -95,13 +95,13 @@ class Bone(NamedTuple):
     p999: float
     """[m]."""
     placement: float
-    """What placement of its ends is off by, in [m]."""
+    """Placement error of its ends, in [m]."""
     broken: float
     """Share of samples that are longer than is stated, errors included."""
 
 
 class Findings(NamedTuple):
-    """What recordings say."""
+    """Results of recordings."""
 
     rates: tuple[float, ...]
     """Of the recordings, in [Hz]."""
@@ -254,7 +254,7 @@ def _find_hidden(recordings: Iterable[Tracked]) -> dict[str, Hidden]:
 def _check_motion(
     motions: Iterable[_Moved], errors: Mapping[str, float]
 ) -> tuple[dict[str, BoundReport], dict[str, PartBounds]]:
-    """Bounds that were broken beyond what errors explain, and bounds to state.
+    """Bounds that were broken by more than errors explain, and bounds to state.
 
     Errors add 4 dp / h² to a second difference over h to either side, and dp / h to a speed.
     """

@@ -1,4 +1,4 @@
-"""People in recordings of any kind, as positions of joints at equal steps of time."""
+"""People in recordings of any kind, as joint positions at equal time steps."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def load_tracks(
 
 
 def _lay_out(name: str, recording: SkeletonRecording, threshold: float | None) -> Tracked:
-    """Put frames to equal steps of the usual time between them; what is missing is hidden.
+    """Place frames on equal steps of the usual time between them; missing frames are hidden.
 
     Of two frames that fall into one step the later one counts.
     """
@@ -104,7 +104,7 @@ def _lay_out(name: str, recording: SkeletonRecording, threshold: float | None) -
             name,
             f"has {rate:.3g} frames a second",
             expected=f"{RATES[0]:g} to {RATES[1]:g} Hz",
-            remedy="stamps may be in another unit; --rate says how many there are",
+            remedy="stamps may be in another unit; --rate states the frame rate",
         )
     places = np.rint((stamps - stamps[0]) / step).astype(int)
     joints: dict[str, tuple[str, ...]] = {}
@@ -130,7 +130,7 @@ def _lay_out(name: str, recording: SkeletonRecording, threshold: float | None) -
 
 
 def _split(places: list[int], longest: float) -> list[list[int]]:
-    """Places in order, cut where two neighbours are farther apart than is stated."""
+    """Indices in order, cut where two neighbours are farther apart than the given gap."""
     stays = [[places[0]]]
     for place in places[1:]:
         if place - stays[-1][-1] > longest:

@@ -29,7 +29,7 @@ LONGEST = 3600.0
 
 
 def run(wishes: cli.Tradeoff) -> int:
-    """Measure, write the report and print what can be chosen by; the exit code.
+    """Measure, write the report and print results to choose by; the exit code.
 
     Args:
         wishes: What the command line says.
@@ -103,7 +103,7 @@ def run(wishes: cli.Tradeoff) -> int:
 
 def _tell_operating(cell: Path | None, site: Site) -> str:
     if site.settings.get("operating") is None:
-        return "none stated, so those of the hardware count"
+        return "none stated, so the hardware's limits are used"
     return "those published of the arm" if cell is None else "as the cell file states them"
 
 

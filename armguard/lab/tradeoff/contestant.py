@@ -1,7 +1,7 @@
 """One setting in the study: its own table and monitor, its verdicts and its costs.
 
-Durations are processor time of this thread, so that what else the machine does counts as little as
-it can. The states are made before each timer starts.
+Durations are processor time of this thread, which other load of the machine hardly changes. The
+states are made before each timer starts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 class Track(NamedTuple):
-    """What a setting said, tick by tick, and what that took. All of shape (ticks,)."""
+    """Verdicts of a setting and their durations, tick by tick. All of shape (ticks,)."""
 
     time: Array
     """Of the ticks, in [s] of the scene."""
@@ -121,7 +121,7 @@ class Contestant:
 
     @property
     def track(self) -> Track:
-        """What was said so far; of the ticks, the first is left out: it is the first of all."""
+        """Verdicts so far, without the very first tick."""
         numbers = self._numbers[1 : self._tick].T
         fields = dict(zip(Track._fields, numbers, strict=True))
         return Track(**fields)._replace(

@@ -1,7 +1,7 @@
-"""What is told of each setting: price, caution, tightness, lateness, misses.
+"""Figures of each setting: price, caution, tightness, lateness, misses.
 
-Everything is held against the finest setting on the ticks that both have, so that settings of
-another rate can be compared.
+Each setting is compared with the finest one on the ticks that both have, so settings of another
+rate can be compared.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class Figures(NamedTuple):
     aware: float
     """Share of AWARE."""
     work_lost: float
-    """Share of its way that an arm would not have done that keeps to the speed scale."""
+    """Share of the path that an arm loses if it obeys the speed scale."""
     same_level: float
     """Share of ticks with the level of the finest setting."""
     late_p50: float
     """From the finest setting's STOP until this one's, in [ms]."""
     late_max: float
     missed: float
-    """Contacts that came sooner than it was said, or without a STOP in time."""
+    """Contacts before their contact time, or without a STOP in time."""
 
 
 def compute_figures(
@@ -114,9 +114,10 @@ def match_ticks(times: Array, others: Array) -> tuple[NDArray[np.int64], NDArray
 
 
 def find_lateness(track: Track, finest: Track) -> list[float]:
-    """From each moment when the finest setting begins to say STOP until this one says it, in [s].
+    """Time from each first STOP of the finest setting to this setting's STOP, in [s].
 
-    0 where it said so before; a STOP that ends before this one says any is as late as it was long.
+    It is 0 if this setting stopped before. If the finest setting's STOP ends first, its duration
+    counts.
     """
     stops = finest.level == Level.STOP
     begins = np.flatnonzero(stops & ~np.concatenate([[True], stops[:-1]]))
@@ -134,9 +135,9 @@ def find_lateness(track: Track, finest: Track) -> list[float]:
 
 
 def count_missed(track: Track, contacts: Sequence[Contact], response: float) -> int:
-    """Contacts that a setting had promised not to come so soon, or for which no STOP was in time.
+    """Contacts before a setting's contact time, or without a STOP in time.
 
-    What broke its bounds does not count, nor ticks before a body was first told of.
+    Bodies that broke their bounds and ticks before a body's first message do not count.
     """
     missed = 0
     for contact in contacts:

@@ -1,4 +1,4 @@
-"""The ladder: what can be chosen, axis by axis, and the settings that a study runs.
+"""The ladder: choices, axis by axis, and the settings that a study runs.
 
 Not the whole product: one axis at a time around the default.
 """
@@ -157,7 +157,7 @@ def list_settings(axes: Iterable[str], cover: Cover, usual: Mapping[str, Any]) -
 
 
 def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
-    """Whether a rung says what the default says anyway."""
+    """Whether a rung equals the default."""
     if rung.axis == OPERATING:
         # Limits that a cell states stand in the place of those that are published.
         return (rung.monitor["operating"] is None) == (usual.get("operating") is None)
@@ -168,6 +168,6 @@ def _is_usual(rung: Rung, usual: Mapping[str, Any]) -> bool:
 
 
 def takes_long(rung: Rung, cover: Cover) -> bool:
-    """Whether to fit what a rung asks for would take many minutes, for an arm with such a cover."""
+    """Whether fitting the cover of a rung would take many minutes for an arm with such a cover."""
     is_finer = rung.protrusion is not None and rung.protrusion < DEFAULT_PROTRUSION
     return is_finer and sum(len(cover.spheres(link)) for link in cover.links) > MOST_REFINED

@@ -1,4 +1,4 @@
-"""The picture of a study: what settings cost, against how cautious they are."""
+"""The picture of a study: price of settings against caution."""
 
 from __future__ import annotations
 

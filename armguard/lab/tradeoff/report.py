@@ -28,32 +28,32 @@ COLUMNS = (
     Column("late p50, max [ms]", "late_p50 late_max", "{:.0f}, {:.0f}"),
     Column("missed", "missed", "{:.0f}"),
 )
-"""Of the table for people."""
+"""Columns of the table for people."""
 
 CHEAPER = 0.95
-"""Of a price, what is cheaper by more than the measurement scatters."""
+"""Share of a price below which another price is lower by more than measurements scatter."""
 
 LEGEND = (
-    "Times are processor time of one thread; ticks come at the default's rate unless the setting "
-    "says otherwise.",
-    "“Of a core” is what steps and messages take of one core.",
+    "Times are processor time of one thread; ticks have the default's rate unless the setting "
+    "states another.",
+    "“Of a core” is the share of one core that steps and messages use.",
     "“÷ finest” is the contact time over that of the finest setting in the same tick, in the "
     "median and in the worst twentieth.",
-    "“Work lost” is the share of its way that an arm would not have done that keeps to each "
-    "verdict's speed scale.",
-    "“Late” is how long after the finest setting's STOP this one says STOP.",
-    "“Missed” are contacts of the true surface that came sooner than was said, or without a STOP "
-    "in time, those with bodies aside that broke their stated bounds.",
-    "All settings judge the same states, of an arm that goes on whatever is said.",
-    "What differs in “operating” is left out of what is recommended: what the controller keeps to "
-    "is a premise, and no choice. The arm here keeps to all of it.",
+    "“Work lost” is the share of the path that an arm loses if it obeys each verdict's speed "
+    "scale.",
+    "“Late” is the time from the finest setting's STOP to this setting's STOP.",
+    "“Missed” are contacts of the true surface before their contact time, or without a STOP in "
+    "time. Bodies that broke their stated bounds do not count.",
+    "All settings judge the same states of an arm that ignores verdicts.",
+    "Settings that differ in “operating” are not recommended: operating limits are a premise, not "
+    "a choice. The arm here keeps to all of them.",
     "Settings with * are on the front: no other is both cheaper and no more cautious.",
 )
-"""How to read that table."""
+"""Explains that table."""
 
 
 def summarise(study: Study) -> list[str]:
-    """What a user can choose by, a line each."""
+    """Results by which a user can choose, one line each."""
     usual, finest = study.find(DEFAULT), study.find(FINEST)
     if usual is None or finest is None:
         return []
@@ -67,12 +67,14 @@ def summarise(study: Study) -> list[str]:
     lines = []
     if study.interrupted:
         lines.append(
-            f"Interrupted in the part “{study.interrupted}”: this is what {study.seconds:.1f} s of "
-            "the scene gave; what had not begun is left out."
+            f"Interrupted in the part “{study.interrupted}”: these results are from "
+            f"{study.seconds:.1f} s of the scene; parts that had not begun are missing."
         )
     lines += [_tell_levels(finest), _tell_contacts(study)]
     if bad:
-        lines.append(f"MISSED contacts: {', '.join(bad)}. Use none of these, and report it.")
+        lines.append(
+            f"MISSED contacts: {', '.join(bad)}. Use none of these settings, and report it."
+        )
     near = [one for one in offered if one[1].stop <= finest.stop + CLOSE]
     equal = [one for one in offered if one[1].same_level >= SAME_LEVEL]
     for text, fit in (
@@ -107,11 +109,11 @@ def summarise(study: Study) -> list[str]:
     for setting, figures in found:
         if setting.axis == OPERATING:
             lines.append(
-                f"What operating limits buy: with **{setting.name}** STOP is "
+                f"Effect of operating limits: with **{setting.name}** STOP is "
                 f"{figures.stop:.1%} and SLOW {figures.slow:.1%} instead of the default's "
                 f"{usual.stop:.1%} and {usual.slow:.1%}, and {figures.work_lost:.1%} of the work "
-                f"are lost instead of {usual.work_lost:.1%}. State those limits that the "
-                "controller enforces."
+                f"is lost instead of {usual.work_lost:.1%}. State only limits that the controller "
+                f"enforces."
             )
     chosen = study.find(AUTO)
     if study.choice is not None and chosen is not None:
@@ -126,7 +128,7 @@ def summarise(study: Study) -> list[str]:
 
 
 def describe(study: Study, title: str, facts: Mapping[str, str]) -> dict[str, Any]:
-    """All that was found, as plain data.
+    """All results, as plain data.
 
     Args:
         study: What was found.
@@ -161,22 +163,22 @@ def _is_as_free(figures: Figures, usual: Figures) -> bool:
 
 
 def _tell_levels(finest: Figures) -> str:
-    """How much of each level there is to be told apart."""
+    """Share of each level in the scene."""
     shares = finest.stop, finest.slow, finest.aware
     names = zip(("STOP", "SLOW", "AWARE", "CLEAR"), (*shares, 1.0 - sum(shares)), strict=True)
     told = ", ".join(f"{name} {abs(share):.1%}" for name, share in names)
-    return f"The scene, as the finest setting judges it: {told}."
+    return f"Levels of the finest setting in this scene: {told}."
 
 
 def _tell_contacts(study: Study) -> str:
-    """How often the true arm was touched, and so what it is worth that nothing was missed."""
+    """Number of true contacts, which shows how much “nothing missed” proves."""
     if study.contacts is None:
-        return "Contacts in the scene: not looked for, so nothing is known of missed ones."
+        return "Contacts in the scene: not computed, so missed contacts are unknown."
     beyond = sum(one.is_beyond for one in study.contacts)
     count = len(study.contacts) - beyond
     aside = f", and {beyond} with bodies beyond their stated bounds" if beyond else ""
     if not count:
-        return f"Contacts in the scene: 0{aside}. Nothing was there to be missed."
+        return f"Contacts in the scene: 0{aside}. No contact could be missed."
     return f"Contacts in the scene: {count}{aside}."
 
 

@@ -1,7 +1,7 @@
-"""The scene of a trade-off: one arm's way and what is told of obstacles, the same for all settings.
+"""The scene of a trade-off: one arm's path and obstacle messages, the same for all settings.
 
-Messages are taken down once, so that settings which are run one after the other are told the same,
-at the same times. The arm goes on whatever is said: all settings judge the same states.
+Messages are recorded once, so settings that run one after the other get the same messages at the
+same times. The arm ignores verdicts, so all settings judge the same states.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Site(NamedTuple):
 
 
 class Scene:
-    """One arm's way, and what is told of obstacles meanwhile.
+    """One arm's path and the obstacle messages during it.
 
     Args:
         site: Where, and by what arm.
@@ -148,12 +148,12 @@ def make_scene(
         told.append("a simulated person")
     if balls:
         sources.append(WanderingBalls(balls, seed, clearance=CLEARANCE))
-        told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
+        told.append(f"{balls:,} balls at {CLEARANCE:g} m or more")
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
 
 class Notebook:
-    """Takes down what a source says, as an `ObstacleSink`.
+    """Records the messages of a source, as an `ObstacleSink`.
 
     Args:
         messages: Are added to.
@@ -177,7 +177,7 @@ class Notebook:
         velocity: ArrayLike | None = None,
         **fields: ArrayLike | None,
     ) -> None:
-        """Take down one call, whose fields are those of `armguard.Obstacles.update`."""
+        """Record one call, whose fields are those of `armguard.Obstacles.update`."""
         if stamp < self._begin - 1e-9:
             return
         shape, base = (len(ids), -1 if ids else 1, 3), self._base
@@ -214,7 +214,7 @@ def find_published(robot: Robot) -> OperatingLimits | None:
 
 
 def _plan_work(site: Site, seed: int, duration: float) -> JointTrajectory:
-    """A way above the table, off the side that people come from, if the arm can keep to that."""
+    """A path above the table, away from the side that people come from, if the arm has one."""
     robot = site.robot
     speed, acceleration = SPEED_FRACTION, ACCELERATION_FRACTION
     gentlest = robot.brakes.gentlest_stop(np.zeros(len(robot.joints)))

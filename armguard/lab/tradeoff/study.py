@@ -1,7 +1,7 @@
 """A study: all settings through one scene, in turns.
 
-Turns are short, so that whatever else the machine does falls on all settings alike, and so that a
-study which is ended early has seen the same part of the scene with each of them.
+Turns are short, so other load of the machine affects all settings alike. A study that ends early
+has run the same part of the scene with each setting.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Study(NamedTuple):
     front: list[str]
     """Names of the settings on the front of price and caution."""
     contacts: list[Contact] | None
-    """What really touched; None: it was ended before that was looked for."""
+    """True contacts; None: the study ended before they were computed."""
     seconds: float
     """Of the scene, that all settings have seen."""
     interrupted: str
@@ -136,12 +136,12 @@ def run_study(
 
     try:
         # Looked for in any case: that nothing was missed is not to be said without it.
-        tell("what really happened", 0.0)
+        tell("true contacts", 0.0)
         arm, table = TrueArm(site.robot, site.base), site.make_obstacles().settings
         found = find_contacts(scene, arm, table.accel, table.speed)
         contacts = [one for one in found if one.time <= seconds]
     except KeyboardInterrupt:
-        interrupted = interrupted or "what really happened"
+        interrupted = interrupted or "true contacts"
     outcomes += map(judge, contestants)
     counted = [
         (one.setting.name, one.figures)

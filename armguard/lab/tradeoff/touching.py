@@ -1,8 +1,8 @@
-"""Balls that come and touch the arm, within their bounds: so that there is something to be missed.
+"""Balls that touch the arm within their bounds, so that a setting can miss a contact.
 
-The arm goes on whatever is said, and its way is known here, so each ball is led to where a corner
-of the arm will be, on a motion whose accelerations and speeds are far below what tables of
-obstacles assume. No monitor can prevent these contacts; what it says before them is what counts.
+The arm ignores verdicts and its path is known, so each ball moves to the future place of a corner
+of the arm. Its accelerations and speeds are far below the bounds that tables of obstacles assume.
+No monitor can prevent these contacts; its verdicts before them count.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ APPROACH, STAY = 2.5, 0.2
 
 
 def add_touching(scene: Scene, site: Site, count: int, seed: int) -> str:
-    """Let balls come and touch the arm, one after the other; what that is called.
+    """Let balls touch the arm, one after the other; returns a name for them.
 
     Args:
         scene: Is told of them.

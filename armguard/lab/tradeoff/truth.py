@@ -1,8 +1,8 @@
 """The ground truth of a scene: the arm's true surface, and the contacts with it.
 
-It knows nothing of covers, bounds or contact times: the corners of the links' meshes, placed by
-Pinocchio, and distances to the bodies as they were told. A corner is on the link, so what is found
-here is a contact; one of a face's inside may be missed.
+It uses no covers, bounds or contact times, only corners of the links' meshes, placed by Pinocchio,
+and distances to the reported bodies. A corner is on the link, so each result is a contact; a
+contact inside a face may be missed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from armguard.robot.robot import Robot
 Array = NDArray[np.float64]
 
 DOUBT = 0.5
-"""How long after it broke its bounds nothing was promised of a body, in [s]."""
+"""Time after a broken bound in which no proof about the body is expected to hold, in [s]."""
 
 Seen = tuple[ObstacleBatch, int]
 """A message and the row of a body in it."""
@@ -93,19 +93,19 @@ def measure(points: Array, ends: Array) -> Array:
 
 
 class Contact(NamedTuple):
-    """The first moment at which a body was told to touch the arm."""
+    """The first time at which a reported body touches the arm."""
 
     time: float
     """[s] of the scene."""
     first_seen: float
-    """When that body was first told of, in [s]."""
+    """Time of the body's first message, in [s]."""
     body: str
     is_beyond: bool
-    """Whether the body broke its stated bounds shortly before, so that nothing was promised."""
+    """Whether the body broke its stated bounds shortly before, so no proof covers it."""
 
 
 def find_contacts(scene: Scene, arm: TrueArm, accel: float, speed: float) -> list[Contact]:
-    """All contacts of an arm that moves, with bodies as they were told, in the order of time.
+    """All contacts of a moving arm with the reported bodies, in the order of time.
 
     Args:
         scene: What happened.

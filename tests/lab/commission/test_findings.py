@@ -37,16 +37,18 @@ def test_what_is_not_in_a_recording_is_told_by_name_and_not_made_up():
     assert set(found.limits) == {"joint1"}
     told = "\n".join(found.missing)
     for words in (
-        "latency, reaction time and stopping times: no STOP",
+        "latency, reaction time and stopping times: the recording has no STOP",
         "joint0, brakes",
-        "joint0, operating limits: it hardly moved",
+        "joint0, operating limits: the joint hardly moved",
         "joint1, brakes",
         "tracking errors",
         "source camera: 3 messages are too few",
-        "it has gaps",
+        "the recording has gaps",
     ):
         assert words in told
-    assert "sources: no message" in "\n".join(commission(sample(arm, [], 3.0)).missing)
+    assert "sources: the recording has no message" in "\n".join(
+        commission(sample(arm, [], 3.0)).missing
+    )
 
 
 def test_an_arm_that_ignores_a_stop_has_no_reaction_time():
@@ -60,5 +62,7 @@ def test_an_arm_that_ignores_a_stop_has_no_reaction_time():
     assert any("reaction time" in line and "5.600 s" in line for line in found.missing)
     lines = write_cell_lines(found)
     assert "reaction_time = " not in lines
-    assert "# not measured: joint0, STOP at 5.600 s: it ends before the joint is slow" in lines
+    assert (
+        "# not measured: joint0, STOP at 5.600 s: the STOP ends before the joint is slow" in lines
+    )
     assert "1 more could not be measured" in found.brakes["joint0"][-1].source

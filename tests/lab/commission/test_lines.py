@@ -74,7 +74,7 @@ def test_no_error_is_stated_to_be_smaller_than_it_was():
 
 def test_an_acceleration_that_was_not_found_is_told_by_name_beside_its_limit():
     found = find([0.6])
-    assert "# within 1 ms; what is shorter may be missed" in write_cell_lines(found)
+    assert "# within 1 ms; shorter accelerations may be missed" in write_cell_lines(found)
     hidden = found.limits["joint0"]._replace(acceleration=np.nan)
     text = write_cell_lines(found._replace(limits={"joint0": hidden}))
-    assert "acceleration = [15.0] # not found, so its limit stands: joint0" in text
+    assert "acceleration = [15.0] # not found, so the joint's limit is used: joint0" in text

@@ -86,7 +86,7 @@ def test_a_joint_that_hardly_moves_tells_nothing():
     ("command", "words"),
     [
         (StopCommand(0.7, 0.75), "ends before the joint is slow"),
-        (StopCommand(0.7, 0.95), "ends before the joint rests"),
+        (StopCommand(0.7, 0.95), "ends before the joint is at rest"),
         (StopCommand(-1.0, 5.0), "no joint state before it"),
     ],
 )
@@ -144,7 +144,7 @@ def test_a_joint_that_creeps_until_the_stop_ends_is_not_taken_to_rest():
     _, seen = make_creeping(0.03, 0.05, 0.012)
     stops, (problem,) = measure_stops(seen._replace(stops=[StopCommand(0.5, 1.1)]))
     assert not stops
-    assert problem.why == "it ends before the joint rests"
+    assert problem.why == "the STOP ends before the joint is at rest"
 
 
 def test_a_joint_whose_noise_hides_its_rest_is_told():
@@ -182,4 +182,4 @@ def test_too_few_joint_states_are_told():
     seen = sample(make(0.03), [0.7], 3.0, period=0.05)
     stops, problems = measure_stops(seen)
     assert not stops
-    assert "joint states while it slows down" in problems[0].why
+    assert "joint states during its deceleration" in problems[0].why

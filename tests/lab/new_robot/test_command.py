@@ -167,7 +167,7 @@ def test_a_terminal_is_asked_and_enter_takes_what_is_usual(tmp_path):
     said = read(tmp_path / "mine")
     assert said["joints"]["shoulder"]["acceleration"] == 7.0
     assert said["brakes"][0]["load"] == 2.0
-    assert "usual" in asked[0]
+    assert "default" in asked[0]
     assert sum("--acceleration" in text for text in asked) == 3
 
 

@@ -68,7 +68,7 @@ def test_figures_are_derived_where_efforts_and_inertias_tell(tmp_path):
 
 def test_efforts_do_not_make_limits_lower_than_without_them(tmp_path):
     """100 N hold 6 kg at 37° to gravity; 10 N do not, so that they are none of this arm."""
-    for effort, words in (("10", "do not tell"), ("100", "would allow less")):
+    for effort, words in (("10", "do not determine it"), ("100", "would allow less")):
         limit = f'<limit lower="-1" upper="2" effort="{effort}" velocity="1"/>'
         found = facts(tmp_path, ["rise"], limit=limit)
         (acceleration,) = found.derive_accelerations().values()

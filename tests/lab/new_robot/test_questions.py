@@ -47,7 +47,7 @@ def test_what_is_usual_is_taken_only_where_that_is_said():
         answer("elbow=2")
     assert str(caught.value) == (
         "--velocity: is missing: the model file has no velocity limits [rad/s or m/s] of wrist; "
-        "expected a number for all of them, or JOINT=NUMBER; --yes takes what is usual: 3"
+        "expected a number for all of them, or JOINT=NUMBER; --yes accepts the default: 3"
     )
 
 
@@ -70,7 +70,7 @@ def test_a_question_is_put_again_until_its_answer_can_be_used():
     found = answer(ask=ask)
     assert (found["elbow"], found["wrist"]) == ((3.0, "CHOSEN"), (7.0, GIVEN))
     assert "elbow, wrist" in texts[0]
-    assert "usual: 3 (CHOSEN)" in texts[0]
+    assert "default: 3 (CHOSEN)" in texts[0]
     assert "'fast'" in texts[1]
 
 
@@ -78,7 +78,7 @@ def test_a_choice_is_given_usual_asked_or_missing():
     assert Asker(None, takes_usual=True).choose("--load", "load", "1", None) == "1"
     assert Asker(None, takes_usual=True).choose("--load", "load", "1", "2") == "2"
     assert Asker(lambda _: " ", takes_usual=False).choose("--load", "load", "1", None) == "1"
-    with pytest.raises(RobotError, match="--load: is missing: load; --yes takes what is usual: 1"):
+    with pytest.raises(RobotError, match="--load: is missing: load; --yes accepts the default: 1"):
         Asker(None, takes_usual=False).choose("--load", "load", "1", None)
     for takes_usual in (True, False):
         with pytest.raises(RobotError, match="--lock: is missing: place; measure it; --yes does"):

@@ -72,7 +72,7 @@ def test_an_interrupt_writes_what_there_is(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("armguard.lab.tradeoff.study.find_contacts", find_contacts)
     (tmp_path / "cell.toml").write_text(CELL)
     assert run(tmp_path, str(tmp_path / "cell.toml"), "--axis", "max_staleness") == 0
-    assert "Interrupted in the part “what really happened”" in capsys.readouterr().out
+    assert "Interrupted in the part “true contacts”" in capsys.readouterr().out
     page = (tmp_path / "out" / "README.md").read_text()
     assert "Interrupted in the part" in page
 

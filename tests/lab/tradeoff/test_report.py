@@ -25,7 +25,7 @@ def test_programs_get_all_that_was_found():
 
 def test_a_user_can_choose_by_the_summary_alone():
     text = "\n".join(summarise(make_study()))
-    assert "Contacts in the scene: 0. Nothing was there to be missed." in text
+    assert "Contacts in the scene: 0. No contact could be missed." in text
     assert "within 1 percentage point of the finest's: **default**, 10.0% of a core" in text
     assert "in at least 99% of the ticks: **budget 16**, 5.0% of a core at STOP 30.0%" in text
     assert "Least STOP: **finest**" in text
@@ -50,8 +50,8 @@ def test_other_operating_limits_are_told_of_and_not_recommended():
     )
     (told,) = (line for line in lines if "operating none" in line)
     assert "STOP is 0.0% and SLOW 100.0% instead of the default's 10.5% and 100.0%" in told
-    assert "20.0% of the work are lost instead of 100.0%" in told
-    assert "State those limits that the controller enforces." in told
+    assert "20.0% of the work is lost instead of 100.0%" in told
+    assert "State only limits that the controller enforces." in told
 
 
 def test_what_missed_is_named_and_never_recommended():
@@ -75,4 +75,4 @@ def test_contacts_and_an_early_end_are_told():
 def test_what_was_not_looked_for_is_not_said_to_be_missed_by_none():
     lines = summarise(make_study(contacts=None, interrupted="axes"))
     (told,) = (line for line in lines if line.startswith("Contacts"))
-    assert "not looked for" in told
+    assert "not computed" in told
