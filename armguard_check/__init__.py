@@ -1,7 +1,7 @@
-"""Checks proofs that armguard made, and shares nothing with it: standard library alone.
+"""Checks proofs that armguard made, with no code of armguard: standard library only.
 
-`python -m armguard_check` reads proofs as JSON lines. docs/proofs.md says what a proof claims, and
-what is taken on trust.
+`python -m armguard_check` reads proofs as JSON lines. docs/proofs.md describes the claims of a
+proof and what the checker trusts.
 """
 
 from armguard_check.intervals import ProofError

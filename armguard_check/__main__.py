@@ -1,7 +1,7 @@
-"""Checks proofs that come as lines of JSON on standard input, and prints what it found, as JSON.
+"""Checks proofs from lines of JSON on standard input, and prints the results as JSON.
 
-Run as `python -m armguard_check < proofs.jsonl`; exit code 0 if there are some and all of them
-hold, else 1.
+Run as `python -m armguard_check < proofs.jsonl`; exit code 0 if there are proofs and all hold, else
+1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ COUNTS = "proofs", "verified", "contact_free", "rests_in_time", "rests_only"
 
 
 def check(lines: Iterable[bytes]) -> dict[str, Any]:
-    """Check all proofs; what there is to say of them."""
+    """Check all proofs; returns the results."""
     found: dict[str, Any] = dict.fromkeys(COUNTS, 0)
     found |= {"arms": {}, "covers": {}, "first_refused": None}
     for line in lines:
@@ -43,14 +43,14 @@ def check(lines: Iterable[bytes]) -> dict[str, Any]:
 
 
 def read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object of JSON, in which readers could find different values under one key."""
+    """A JSON object without repeated keys, for which readers could find different values."""
     read = dict(pairs)
-    require(len(read) == len(pairs), "a key stands twice")
+    require(len(read) == len(pairs), "a key is repeated")
     return read
 
 
 def name(proof: Any, key: str) -> str | float | None:
-    """What a proof states of itself, if that is plain."""
+    """Identifying fields of a proof, if they are plain values."""
     value = proof.get(key) if isinstance(proof, dict) else None
     return value if isinstance(value, str | int | float) else None
 

@@ -1,4 +1,4 @@
-"""Where a ball of the arm is, how far it can get in a box of joint displacements, and how fast.
+"""Place, displacement and speed of a ball of the arm in a box of joint displacements.
 
 With c_j = dp/dq_j at the measured joints, a_j the axis of a joint that turns, and R_j how far the
 ball's centre can ever be from it (1 where it slides), no second or third derivative of p by joints
@@ -33,13 +33,13 @@ from armguard_check.intervals import (
 from armguard_check.tube import Range
 
 SKEWNESS = ONE.over(10**12)
-"""What rounding may have made of axes and rotations that are stated."""
+"""Rounding allowance of stated axes and rotations."""
 
 ROOT_3 = (ONE + ONE + ONE).root()
 
 
 class Placement(NamedTuple):
-    """Of a frame in another one: columns of the rotation, and the origin."""
+    """Pose of a frame in another frame: columns of the rotation, and the origin."""
 
     columns: tuple[Vector, Vector, Vector]
     origin: Vector
@@ -62,7 +62,7 @@ class Joint(NamedTuple):
     """One joint in the world, as measured."""
 
     parent: int
-    """The joint that carries it; -1: none."""
+    """Number of the joint that carries it; -1: none."""
     slides: bool
     axis: Vector
     frame: Placement
@@ -98,7 +98,7 @@ def read_joints(arm: dict[str, Any], q: list[Interval]) -> list[Joint]:
 
 
 def are_small(*numbers: Interval) -> bool:
-    """Whether they are no more than what rounding makes of 0."""
+    """Whether all are 0 but for rounding."""
     return all(SKEWNESS.covers(abs(one)) for one in numbers)
 
 
@@ -114,7 +114,7 @@ def turn_about(axis: Vector, angle: Interval) -> tuple[Vector, Vector, Vector]:
 
 
 class Mover(NamedTuple):
-    """One joint that moves a ball, from the base to the tip."""
+    """A joint that moves a ball, in the order from base to tip."""
 
     number: int
     slides: bool
@@ -131,7 +131,7 @@ class Ball:
 
     Attributes:
         center: As measured.
-        size: Its radius, and what the centre may be off by, as joints may be.
+        size: Its radius plus the error of its centre from joint errors.
     """
 
     def __init__(self, joints: list[Joint], carrier: int, ball: dict[str, Any]) -> None:
@@ -161,7 +161,7 @@ class Ball:
         self._column_errors = [self._reach(k, ways) for k in places]
 
     def displacement(self, normal: Vector, ranges: list[Range], room: Interval) -> Interval:
-        """How far it can get along a unit vector; no sharper than it takes to be below `room`."""
+        """How far it can get along a unit vector; no more exact than needed to be below `room`."""
         mine = [ranges[one.number] for one in self._movers]
         found = self._by_levers(normal, mine)
         return found if room.exceeds(found) else least(found, self._by_bends(normal, mine))
@@ -199,7 +199,7 @@ class Ball:
         return center + self._radius * least(rate, turning + twist)
 
     def _reach(self, place: int, ways: list[Interval]) -> Interval:
-        """How much a column can change while joints go these ways."""
+        """How much a column can change for these joint displacements."""
         changed = ZERO
         for other, way in enumerate(ways):
             if not self._movers[min(place, other)].slides:
@@ -207,7 +207,7 @@ class Ball:
         return changed
 
     def _by_levers(self, normal: Vector, ranges: list[Range]) -> Interval:
-        """By slopes that start at their own and change as columns do, and never beyond levers."""
+        """Bound by slopes that change as columns do and never exceed levers."""
         sizes, found = [one.size for one in ranges], ZERO
         for place, (mover, (low, high)) in enumerate(zip(self._movers, ranges, strict=True)):
             slope, off = dot(normal, mover.column), self._column_errors[place]
@@ -219,7 +219,7 @@ class Ball:
         return found
 
     def _by_bends(self, normal: Vector, ranges: list[Range]) -> Interval:
-        """By slopes, second derivatives, and what third ones can add."""
+        """Bound by slopes, second derivatives, and a bound on third derivatives."""
         movers = self._movers
         slopes = [dot(normal, one.column) for one in movers]
         bends = [[dot(normal, one) for one in row] for row in self._second]

@@ -9,14 +9,14 @@ BITS = 128
 """Ends of intervals are whole multiples of 2**-BITS."""
 
 MOST_HALVINGS = 16
-"""Of an angle, before its sine is summed up: angles up to 32,768 rad."""
+"""Halvings of an angle before its sine is summed: for angles up to 32,768 rad."""
 
 TERMS = 20
-"""Of the series of sine and cosine up to 1/2: the next one is below 2**-190."""
+"""Terms of the series of sine and cosine up to 1/2: the next term is below 2**-190."""
 
 
 LARGEST = 1 << 64
-"""Numbers of a proof are smaller, so that `UNBOUNDED` is above whatever comes of them."""
+"""Numbers of a proof are smaller, so `UNBOUNDED` exceeds all results from them."""
 
 
 class ProofError(Exception):
@@ -58,7 +58,7 @@ class Interval:
         return Interval(min(products) >> BITS, -(-max(products) >> BITS))
 
     def __truediv__(self, other: Interval) -> Interval:
-        require(other.low > 0, "something is divided by what may be 0")
+        require(other.low > 0, "a divisor may be 0")
         low, high = self.low << BITS, self.high << BITS
         return Interval(
             low // (other.high if low >= 0 else other.low),
@@ -74,16 +74,16 @@ class Interval:
         return self.over(2)
 
     def root(self) -> Interval:
-        """Square root; what is below 0 counts as 0."""
+        """Square root; values below 0 count as 0."""
         low, high = max(self.low, 0) << BITS, max(self.high, 0) << BITS
         return Interval(math.isqrt(low), math.isqrt(high) + 1)
 
     def exceeds(self, other: Interval) -> bool:
-        """Whether it is surely greater."""
+        """Whether it is certainly greater."""
         return self.low > other.high
 
     def covers(self, other: Interval) -> bool:
-        """Whether it is surely no less."""
+        """Whether it is certainly not less."""
         return self.low >= other.high
 
 
@@ -92,7 +92,7 @@ ONE = Interval(1 << BITS, 1 << BITS)
 UNBOUNDED = Interval(1 << (BITS + 200), 1 << (BITS + 200))
 """Stands for an infinite bound."""
 UNIT = Interval(-1, 1)
-"""What rounding, or the rest of a series, may add."""
+"""The error of rounding, or of the rest of a series."""
 
 Vector = tuple[Interval, Interval, Interval]
 NOWHERE: Vector = (ZERO, ZERO, ZERO)
@@ -185,12 +185,12 @@ def length(a: Vector) -> Interval:
 
 
 def sine_and_cosine(angle: Interval) -> tuple[Interval, Interval]:
-    """Of an angle in [rad], by their series at a small part of it, and double angles."""
+    """Sine and cosine of an angle in [rad], by series for a fraction of it and double angles."""
     halvings = 0
     while abs(angle).high > 1 << (BITS - 1):
         angle = angle.half()
         halvings += 1
-        require(halvings <= MOST_HALVINGS, "a joint is turned by an angle that is beyond all use")
+        require(halvings <= MOST_HALVINGS, "the angle of a joint is too large")
     square = angle * angle
     sine, cosine = angle + UNIT, ONE + UNIT
     odd, even = angle, ONE

@@ -1,4 +1,4 @@
-"""Where one state of the obstacle can be: a free body, or the hull of some, within its bounds."""
+"""Possible places of one state of the obstacle: a free body or a hull, within its bounds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Body:
     """One state of the obstacle.
 
     Attributes:
-        size: How far its surface can be from the hull of its points, as measured.
+        size: Greatest distance of its surface from the hull of its measured points.
     """
 
     def __init__(self, state: dict[str, Any], now: Interval) -> None:
@@ -53,7 +53,7 @@ class Body:
         return least(*rooms)
 
     def _advance(self, closing: Interval, pace: Interval, s: Interval) -> Interval:
-        """How far it can come within `s` of its stamp, before it where that is negative."""
+        """How far it can move within `s` of its stamp; before the stamp if `s` is negative."""
         if s.high <= 0:
             closing, s = -closing, -s
         top, accel, error = self._top, self._accel, self._error

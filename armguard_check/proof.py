@@ -1,4 +1,4 @@
-"""What one proof claims, and whether it holds."""
+"""Checks the claims of one proof."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from armguard_check.obstacle import Body
 from armguard_check.tube import Tube, read_sides
 
 REACH = -1
-"""In place of a ball of the cover: what the link cannot leave."""
+"""Instead of a ball of the cover: the ball that the link cannot leave."""
 
 DELAYS = {"this": ("latency", "reaction_time"), "next": ("period", "latency", "reaction_time")}
-"""What adds up to the time until brakes bite, by the verdict that tells the arm to stop."""
+"""Settings whose sum is the time until brakes engage, by the verdict that stops the arm."""
 
 
 LEVELS = "STOP", "SLOW", "AWARE", "CLEAR"
 
 
 class Proved(NamedTuple):
-    """What a proof that holds has proved, of the link and the obstacle that it names."""
+    """Results of a valid proof about the link and the obstacle that it names."""
 
     contact_time: float
     """No contact before, in [s] from the tick; 0: nothing is claimed."""
     rests: bool
-    """Whether the arm surely rests at last, if it is told to stop as the proof says."""
+    """Whether the arm certainly comes to rest after the STOP of the proof."""
     in_time: bool
     """Whether it then rests, or is slow enough for good, before it can touch the obstacle."""
     arm: str
-    """Digest of what is trusted of the arm."""
+    """Digest of the trusted data of the arm."""
     cover: str
-    """Digest of what is trusted of the link's cover."""
+    """Digest of the trusted data of the link's cover."""
 
 
 def digest(part: dict[str, Any]) -> str:
@@ -55,10 +55,10 @@ def digest(part: dict[str, Any]) -> str:
 
 
 def verify(proof: dict[str, Any]) -> Proved:
-    """Find out what a proof proves.
+    """Check a proof.
 
     Raises:
-        ProofError: It does not hold, or is none.
+        ProofError: It does not hold, or is malformed.
     """
     try:
         return _Check(proof).run()
@@ -72,8 +72,8 @@ class _Check:
     def __init__(self, proof: dict[str, Any]) -> None:
         self.proof, self.arm, self.cover = proof, proof["arm"], proof["cover"]
         for name, part in (("arm", self.arm), ("cover", self.cover)):
-            require(digest(part) == part["digest"], f"the {name} has another digest than is stated")
-        require(self.cover["link"] == proof["link"], "its cover is of another link")
+            require(digest(part) == part["digest"], f"the {name} does not have the stated digest")
+        require(self.cover["link"] == proof["link"], "its cover belongs to another link")
         require(proof["level"] in LEVELS, f"level is none of {LEVELS}")
         count, carrier = len(self.arm["joints"]), self.cover["carrier"]
         q, v = (read_list(proof[key], count, key) for key in ("q", "v"))
@@ -86,7 +86,7 @@ class _Check:
         self.bodies = [Body(state, now) for state in proof["states"]]
         require(bool(self.bodies), "the obstacle has no state")
         is_carried = type(carrier) is int and -1 <= carrier < count
-        require(is_carried, "the link is carried by no joint of the arm")
+        require(is_carried, "no joint of the arm carries the link")
         self.parents = self.cover["parents"]
         is_tree = all(type(one) is int and -1 <= one < k for k, one in enumerate(self.parents))
         require(bool(self.parents) and is_tree, "the link's balls are no tree")
@@ -114,18 +114,20 @@ class _Check:
         return Proved(contact_time, rests, in_time, self.arm["digest"], self.cover["digest"])
 
     def check_tube(self, told: str) -> None:
-        """Refuse a tube that joints can leave; of an arm told to stop, one that ends too early."""
+        """Refuse a tube that joints can leave or, after a STOP, that ends too early."""
         if not self.brakes:
             self.tube.check(self.sides, self.age, None)
             return
         is_this = self.proof["level"] == "STOP"
-        require((told == "this") == is_this, "another verdict tells the arm to stop")
+        require((told == "this") == is_this, "another verdict stops the arm")
         bite = total([self.sizes[name] for name in DELAYS[told]])
         self.tube.check(self.sides, self.age, self.age + bite)
         for side in (side for both in self.sides for side in both):
             speed = side.velocity(self.age + bite)
             rests = bite + side.find_stop(speed).rest_time(speed)
-            require(self.tube.times[-1].covers(rests), "the arm need not rest by the tube's end")
+            require(
+                self.tube.times[-1].covers(rests), "the arm may not be at rest by the tube's end"
+            )
 
     def check_separation(self, one: dict[str, Any]) -> None:
         """Refuse directions that do not separate, or a ball that is too fast after them."""
@@ -133,7 +135,7 @@ class _Check:
         first, directions = 0, read_vectors(one["directions"], "directions")
         for last, normal in zip(one["ends"], directions, strict=True):
             rises = type(last) is int and first < last <= self.tube.last
-            require(rises, "nodes of a separation do not rise")
+            require(rises, "nodes of a separation are not increasing")
             unit = scale(ONE / length(normal), normal)
             room = body.room(unit, ball.center, self.tube.times[first], self.tube.times[last])
             room -= ball.size + body.size + self.sizes["margin"]
@@ -144,13 +146,13 @@ class _Check:
             limit = self.sizes["max_speed"]
             # What the link cannot leave is no part of it, and says nothing of its speed.
             may_be_slow = self.brakes and bool(self.tube.fast) and node != REACH and limit.low > 0
-            require(may_be_slow, f"what is said of ball {node} ends before its tube")
+            require(may_be_slow, f"the separation of ball {node} ends before its tube")
             ranges = self.tube.span(first, self.tube.last)
             speed = ball.speed(ranges, self.tube.slow[first], self.tube.fast[first])
             require(limit.covers(speed), f"ball {node} can be too fast from node {first} on")
 
     def check_cover(self, separations: list[dict[str, Any]]) -> None:
-        """Refuse separations that say nothing of a part of the link, or of a state."""
+        """Refuse separations that do not cover a part of the link, or a state."""
         said, parents = {(one["node"], one["state"]) for one in separations}, self.parents
         for state in range(len(self.bodies)):
             for leaf in set(range(len(parents))) - set(parents):
@@ -158,4 +160,4 @@ class _Check:
                 while node >= 0 and (node, state) not in said:
                     node = parents[node]
                 is_said = node >= 0 or (REACH, state) in said
-                require(is_said, f"nothing is said of a part of the link, in ball {leaf}")
+                require(is_said, f"no separation covers a part of the link, in ball {leaf}")

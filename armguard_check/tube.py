@@ -1,10 +1,10 @@
-"""Where joints can be, and how fast: a tube that a proof states, and what their limits allow.
+"""Positions and velocities of joints: the tube of a proof, and the bounds from their limits.
 
 A joint speeds up by no more than `speeding` up to `top`, and slows down by no more than `accel`. It
-stays between its stops; where it may have reached one it may have been thrown back from there, by
-`accel`. From the bite of its brakes on, at any time up to `free` from its stamp, it gets no faster
-and does not turn round, and it stops as the entry of its brakes for its greatest speed says.
-Upwards and downwards are mirror images, so all of this is said of one of them.
+stays between its stops; a stop that it may have reached can push it back, by `accel`. Its brakes
+engage at any time up to `free` from its stamp. Then it neither accelerates nor reverses, and stops
+as the entry of its brakes for its greatest speed states. Both directions are mirror images, so the
+code describes one of them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Stop(NamedTuple):
     distance: Interval
 
     def rest_time(self, speed: Interval) -> Interval:
-        """When it rests after the bite, at most."""
+        """Greatest time from braking to rest."""
         if speed.high <= 0:
             return ZERO
         if self.deceleration.low > 0:
@@ -60,7 +60,7 @@ class Stop(NamedTuple):
         return self.time
 
     def way(self, speed: Interval, s: Interval) -> Interval:
-        """How far it gets within `s` of the bite, from a speed of at least 0."""
+        """How far it gets within `s` of braking, from a speed of at least 0."""
         moving = least(s, self.time)
         ways = [speed * moving, self.distance]
         if self.deceleration.low > 0:
@@ -70,7 +70,7 @@ class Stop(NamedTuple):
 
 
 class Free(NamedTuple):
-    """A joint that speeds up one way as hard as it can, and meets no stop."""
+    """A joint with its greatest acceleration in one direction, without a stop."""
 
     start: Interval
     """Its greatest velocity at first, at most `top`."""
@@ -80,7 +80,7 @@ class Free(NamedTuple):
 
     @property
     def turn(self) -> Interval | None:
-        """When it turns round, by `accel`; None: it does not, or speeds up as hard."""
+        """When it reverses, by `accel`; None: it does not, or `speeding` equals `accel`."""
         is_back = self.start.high < 0 and self.accel.exceeds(self.speeding)
         return -self.start / self.accel if is_back else None
 
@@ -102,7 +102,7 @@ class Free(NamedTuple):
         return advance(ZERO, self.speeding, self.top, since) + (self.start * self.turn).half()
 
     def arrival(self, way: Interval) -> Interval:
-        """When it can have gone so far, at the earliest."""
+        """Earliest time at which it can have moved this far."""
         if way.low <= 0:
             return ZERO
         if self.turn is None:
@@ -120,7 +120,7 @@ def advance(start: Interval, accel: Interval, top: Interval, s: Interval) -> Int
 
 
 def arrive(start: Interval, accel: Interval, top: Interval, way: Interval) -> Interval:
-    """When that body can have gone a way above 0, at the earliest."""
+    """Earliest time at which that body can have moved a distance above 0."""
     root = (start * start + (accel + accel) * way).root()
     time = (way + way) / (start + root) if start.low >= 0 else (root - start) / accel
     ramp = (top - start) / accel
@@ -130,7 +130,7 @@ def arrive(start: Interval, accel: Interval, top: Interval, way: Interval) -> In
 
 
 class Side(NamedTuple):
-    """What bounds one joint one way, which is called up here."""
+    """Bounds of one joint in one direction, here called up."""
 
     free: Free
     thrown: Free
@@ -140,7 +140,7 @@ class Side(NamedTuple):
     room_behind: Interval
     """How far its stop behind is at the least, and at least 0."""
     behind: Interval
-    """When it can have got to that first."""
+    """Earliest time at which it can have reached that stop."""
     stops: list[Stop]
 
     def velocity(self, s: Interval) -> Interval:
@@ -160,7 +160,7 @@ class Side(NamedTuple):
         for stop in self.stops:
             if stop.speed.covers(speed):
                 return stop
-        raise ProofError("a joint can be faster at the bite than its brakes are stated for")
+        raise ProofError("a joint can be faster at braking than any stated entry of its brakes")
 
     def highest(self, s: Interval, free: Interval | None) -> Interval:
         """The greatest displacement from the truth at the stamp, `s` after it."""
@@ -188,7 +188,7 @@ class Side(NamedTuple):
 
 
 def read_sides(arm: dict[str, Any], joint: int, q: Interval, v: Interval) -> tuple[Side, Side]:
-    """What bounds a joint upwards and downwards."""
+    """Bounds of a joint upwards and downwards."""
 
     def size(value: object, name: str, read: Callable[[object, str], Interval] = read) -> Interval:
         return read_size(value, f"{name} of joint {joint}", read)
@@ -214,13 +214,13 @@ def read_sides(arm: dict[str, Any], joint: int, q: Interval, v: Interval) -> tup
 
 
 class Tube:
-    """Where joints are from a tick on: ranges at nodes, which hold all that is between them.
+    """Ranges of joints from a tick on, at nodes; they also hold between nodes.
 
     Attributes:
         times: Of the nodes, from the tick on.
         last: The last node.
         fast: Greatest velocities from each node on, by joint; nothing where none are stated.
-        slow: Least velocities, alike.
+        slow: Least velocities from each node on, by joint.
     """
 
     def __init__(self, motion: dict[str, Any], count: int) -> None:
@@ -228,7 +228,7 @@ class Tube:
         self.last = len(self.times) - 1
         rises = all(self.times[k + 1].exceeds(self.times[k]) for k in range(self.last))
         is_whole = self.last > 0 and self.times[0].high == 0
-        require(is_whole and rises, "times of a tube do not rise from its tick on")
+        require(is_whole and rises, "times of a tube do not increase from its tick on")
         rows = []
         for name in ("high", "low", "fastest", "slowest"):
             size = len(self.times) * count if motion[name] else 0
@@ -237,20 +237,20 @@ class Tube:
         self._high, self._low, self.fast, self.slow = rows
 
     def span(self, first: int, last: int) -> list[Range]:
-        """Where joints are from one node to another."""
+        """Ranges of joints from one node to another."""
         nodes = slice(first, last + 1)
         lows, highs = (zip(*rows[nodes], strict=True) for rows in (self._low, self._high))
         return [Range(least(*low), greatest(*high)) for low, high in zip(lows, highs, strict=True)]
 
     def check(self, sides: list[tuple[Side, Side]], age: Interval, free: Interval | None) -> None:
-        """Refuse it unless it holds all that joints can do.
+        """Refuse it unless it contains all possible motions of the joints.
 
-        A displacement falls at most once and then rises, so that nodes hold what is between them.
+        A displacement falls at most once and then rises, so nodes bound all values between them.
 
         Args:
-            sides: What bounds each joint.
+            sides: Bounds of each joint.
             age: Time of the tick, from the stamp of the joint state on.
-            free: When brakes bite at last, alike; None: never.
+            free: Latest time at which brakes engage, from that stamp; None: never.
         """
         for node, time in enumerate(self.times):
             for joint, both in enumerate(sides):

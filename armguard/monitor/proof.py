@@ -36,8 +36,7 @@ NODES = 33
 """Of a tube."""
 
 SHARES = 1.0 - 1e-6, 0.99, 0.95, 0.85, 0.7, 0.5, 0.25
-"""Fractions of the evaluated contact time that are tried in turn, since intervals here have other
-ends."""
+"""Fractions of the evaluated contact time to try in turn, since intervals here have other ends."""
 
 LONGEST = 1.0
 """How long free joints are followed, in [s]; after that an arm can be anywhere."""

@@ -1,4 +1,4 @@
-"""What a proof takes on trust: the arm with its limits, and the spheres that cover a link."""
+"""Trusted data of a proof: the arm with its limits, and the spheres that cover a link."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class TrustedParts:
 
     Args:
         kinematics: Its joints and spheres.
-        limits: Of its joints, shared, so that they may change.
-        lever: Of all spheres, as `JointMotion` has them. Shape (n, nv).
-        link_balls: What links cannot leave, as `ReachMotion` has it. Shape (L, 4).
+        limits: Of its joints; shared, so they may change.
+        lever: Of all spheres, as in `JointMotion`. Shape (n, nv).
+        link_balls: Balls that links cannot leave, as in `ReachMotion`. Shape (L, 4).
     """
 
     def __init__(
@@ -92,12 +92,12 @@ class TrustedParts:
         return arm
 
     def describe_cover(self, name: str, link: int, nodes: Iterable[int]) -> TrustedCover:
-        """A link's cover, as far as some spheres take part.
+        """The part of a link's cover with the given spheres.
 
         Args:
             name: Of the link.
             link: Its number.
-            nodes: Places of the spheres in the link's tree.
+            nodes: Indices of the spheres in the link's tree.
         """
         spheres = self._kinematics.spheres
         first = int(spheres.root[link])

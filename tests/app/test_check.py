@@ -93,7 +93,7 @@ def test_a_proof_of_something_else_is_no_verification(recording, monkeypatch, ca
     count = sum(isinstance(one.event, Proof) for one in events)
     assert lines[0] == f"{count} proofs, {count} verified"
     assert lines[1].startswith(f"{count - 1} agree")
-    assert lines[-1].startswith(f"first that does not agree: tick {event.sequence} at")
+    assert lines[-1].startswith(f"first proof that does not agree: tick {event.sequence} at")
     assert lines[-1].endswith("obstacle is another, that of the verdict is ball")
     assert main(["check", "--json", str(recording)]) == 1
     found = json.loads(capsys.readouterr().out)

@@ -81,7 +81,7 @@ def test_what_is_not_identical_is_told_with_its_cause_and_another_exit_code(
     assert code == COMPLAINT
     assert "not identical: tick 21 at" in out
     assert "evaluated: 77 recorded" in out
-    assert "cause: none that a recording knows of" in out
+    assert "cause: unknown: version" in out
 
 
 def test_a_gap_is_told_and_is_no_success(path, capsys, monkeypatch):

@@ -39,7 +39,7 @@ def test_what_was_found_is_told():
     [
         (lambda line: line + b"\xff", "not UTF-8"),
         (lambda line: line.decode().encode("utf-16"), "not UTF-8"),
-        (lambda line: line.replace(b'"margin"', b'"margin": 1.0, "margin"'), "stands twice"),
+        (lambda line: line.replace(b'"margin"', b'"margin": 1.0, "margin"'), "is repeated"),
     ],
 )
 def test_a_line_that_readers_could_read_otherwise_is_refused(spoil, why):

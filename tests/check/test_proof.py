@@ -72,7 +72,7 @@ def test_each_part_of_the_link_needs_a_separation(proofs):
                 del changed["motions"][place]["separations"][number]
                 if changed["motions"][place]["separations"]:
                     tried += 1
-                    with pytest.raises(ProofError, match="nothing is said"):
+                    with pytest.raises(ProofError, match="no separation covers"):
                         verify(changed)
                 elif any(one["told"] != "never" for one in changed["motions"]):
                     assert verify(changed) != verify(proof)
@@ -103,7 +103,7 @@ NONSENSE = [
     ([], "now", math.inf, "now is inf"),
     ([], "stamp", None, "stamp is None"),
     ([], "level", "stop", "level is none of"),
-    ([], "link", "another", "cover is of another link"),
+    ([], "link", "another", "cover belongs to another link"),
     ([], "states", [], "no state"),
     (["q"], 0, math.nan, r"q\[0\] is nan"),
     (["v"], 1, True, r"v\[1\] is True"),
@@ -115,18 +115,18 @@ NONSENSE = [
     (["states", 0], "stamp", math.nan, "stamp of an obstacle is nan"),
     (["states", 0], "points", [], "malformed|no points"),
     (["states", 0, "points"], 0, math.nan, r"points\[0\] is nan"),
-    (["cover"], "carrier", -2, "carried by no joint"),
-    (["cover"], "carrier", 99, "carried by no joint"),
+    (["cover"], "carrier", -2, "no joint of the arm carries"),
+    (["cover"], "carrier", 99, "no joint of the arm carries"),
     (["cover", "reach"], 3, -1e-3, "radius of a ball is -0.001"),
     (["cover", "balls", 0], "radius", -1e-3, "radius of a ball is -0.001"),
     (["cover", "balls", 0, "center"], 0, math.nan, "center of a ball"),
     (["arm"], "position_error", [-1e-3] * 20, "position_error of joint 0 is -0.001"),
-    (["motions", 0, "times"], 0, -1e-3, "times of a tube do not rise"),
-    (["motions", 0, "times"], 1, -1e-3, "times of a tube do not rise"),
+    (["motions", 0, "times"], 0, -1e-3, "times of a tube do not increase"),
+    (["motions", 0, "times"], 1, -1e-3, "times of a tube do not increase"),
     (["motions", 0, "times"], -1, math.inf, "times.* is inf"),
     (["motions", 0, "high"], 0, math.nan, r"high\[0\] is nan"),
     (["motions", 0], "told", "perhaps", "malformed"),
-    (["motions", 0, "separations", 0], "ends", [99], "malformed|do not rise"),
+    (["motions", 0, "separations", 0], "ends", [99], "malformed|are not increasing"),
 ]
 
 
@@ -265,7 +265,7 @@ def test_who_may_go_on_is_told_by_the_next_verdict(proofs):
         if len(proof["motions"]) == 2:
             changed = copy.deepcopy(proof)
             changed["level"] = "SLOW" if proof["level"] == "STOP" else "STOP"
-            with pytest.raises(ProofError, match="another verdict tells"):
+            with pytest.raises(ProofError, match="another verdict stops"):
                 verify(changed)
 
 

@@ -113,7 +113,7 @@ CONTRADICTIONS = {
     "reaction time": (change(["reaction_time"], lambda x: 0.0), "reaction_time is"),
     "margin": (change(["margin"], lambda x: x - 1e-3), "margin is"),
     "max_speed": (change(["max_speed"], lambda x: 0.25), "no contact limit"),
-    "told": (change(["motions", -1, "told"], lambda x: "this"), "brakes by this verdict"),
+    "told": (change(["motions", -1, "told"], lambda x: "this"), "brakes after this verdict"),
     "end": (change(["motions", -1, "times", -1], lambda x: 2.0 * x), "by the verdict in"),
     "limits": (change(["arm", "acceleration", 0], lambda x: 0.99 * x), "other joints, limits"),
     "brakes": (change(["arm", "brakes", 0, "deceleration", 0], lambda x: 1.1 * x), "or brakes"),
@@ -122,11 +122,11 @@ CONTRADICTIONS = {
     "lever": (change(["cover", "balls", 0, "lever", 0], lambda x: 0.9 * x - 1e-6), "other spheres"),
     "reach": (change(["cover", "reach", 3], lambda x: 0.9 * x), "other spheres"),
     "tree": (change(["cover", "parents"], lambda x: x[:-1]), "other spheres"),
-    "node": (change(["cover", "balls", 0, "node"], lambda x: 999), "of no link"),
-    "cover": (change(["cover", "link"], lambda x: "panda_link99"), "of no link"),
+    "node": (change(["cover", "balls", 0, "node"], lambda x: 999), "to no link"),
+    "cover": (change(["cover", "link"], lambda x: "panda_link99"), "to no link"),
     "configuration": (
         lambda proof, verdict: setattr(verdict, "configuration", "0" * 16),
-        "of configuration 0000",
+        "has configuration 0000",
     ),
 }
 

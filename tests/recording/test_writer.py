@@ -96,7 +96,7 @@ def test_a_picture_that_cannot_be_drawn_costs_the_recording_nothing_else(
         send(writer, NUMBERS[type(event)], 7, event)
     writer.finish()
     assert tuple(event for _, event, _ in Recording(path).events()) == told
-    assert "no scene from here on: ValueError('no picture')" in capsys.readouterr().err
+    assert "scene of the recording ends here: ValueError('no picture')" in capsys.readouterr().err
 
 
 def test_events_in_the_ring_are_written_even_when_nobody_is_left_to_end_it(start, tmp_path):

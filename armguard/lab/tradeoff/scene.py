@@ -148,7 +148,7 @@ def make_scene(
         told.append("a simulated person")
     if balls:
         sources.append(WanderingBalls(balls, seed, clearance=CLEARANCE))
-        told.append(f"{balls:,} balls at {CLEARANCE:g} m or more")
+        told.append(f"{balls:,} balls from {CLEARANCE:g} m on")
     return Scene(site, sources, seconds, seed, begin), " and ".join(told)
 
 

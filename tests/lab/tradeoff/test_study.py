@@ -83,8 +83,8 @@ def test_an_interrupt_keeps_what_all_have_seen():
 
 
 def test_an_interrupt_later_on_leaves_out_what_had_not_begun():
-    found = study(interrupt("what really happened"), axes=("schedule",))
-    assert found.interrupted == "what really happened"
+    found = study(interrupt("true contacts"), axes=("schedule",))
+    assert found.interrupted == "true contacts"
     assert found.find(FINEST) is not None
     assert found.contacts is None
 
