@@ -187,3 +187,22 @@ def test_without_any_verdict_it_stands(made):
     streams.level = None
     turn(0.05)
     assert (arm.orders, arm.fraction) == (["pause"], LEAST_SCALE)
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("says_goodbye", [False, True])
+def test_a_program_stays_paused_when_the_monitor_was_restarted(made, says_goodbye):
+    arm, streams, turn, read = made
+    turn(0.05)
+    if says_goodbye:
+        streams.level, streams.validity, streams.sequence = Level.STOP, 0.0, -1
+        turn(0.0004)
+        assert streams.sequence == 0
+    streams.is_silent = True
+    turn(3.0)
+    assert arm.orders == ["pause"]
+    streams.level, streams.validity, streams.sequence = Level.CLEAR, 1.0, 0
+    streams.is_silent = False
+    turn(2.0 * RESUME_DELAY)
+    assert arm.orders == ["pause"]
+    assert "the monitor was restarted" in read()
