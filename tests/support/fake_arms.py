@@ -53,6 +53,7 @@ class FakeArm:
     def stop(self):
         self.orders.append("stop")
         self.program = Program.STOPPED
+        return True
 
     def leave(self):
         self.orders.append("leave")
