@@ -136,6 +136,8 @@ class Run:
     """Write a recording for `armguard replay`: path of a new MCAP file, or of a folder."""
     drive: Flag = False
     """Also start `armguard drive` for the robot of [robot.driver], and restart it when it ends."""
+    attended: Flag = False
+    """With --drive: state that a person starts this and has seen the robot, which may then move."""
     proof_interval: float | None = None
     """Time between two proofs in the recording, in seconds; inf: no proofs. Default: 0.1 s."""
     sign: Path | None = None

@@ -37,12 +37,17 @@ class DriverProcess:
         cell: Its file.
         arm: Which arm, in a cell with several; empty where there is one.
         tell: Takes lines for people.
+        is_attended: Whether a person starts the first driver. By default this may be a service's
+            restart, which acknowledges nothing.
     """
 
-    def __init__(self, cell: Path, arm: str, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, cell: Path, arm: str, tell: Callable[[str], None], *, is_attended: bool = False
+    ) -> None:
         self._words = [sys.executable, "-m", "armguard", "drive", str(cell)]
         self._words += ["--arm", arm] if arm else []
         self._words += ["--parent", str(os.getpid())]
+        self._words += [] if is_attended else ["--again"]
         self._tell = tell
         self._is_told, self._is_ending = threading.Event(), threading.Event()
         # All is done by this thread: what it starts inherits no real-time scheduling.

@@ -76,6 +76,8 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         check_new(wishes.record)
     if wishes.drive:
         check_driver(cell, wishes)
+    elif wishes.attended:
+        raise ArmguardError("--attended", "is given without --drive", expected="both or neither")
     recorder_options = read_recorder_options(wishes)
     options = RunOptions(
         wishes.obstacles,
@@ -113,7 +115,9 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
         if wishes.drive:
             from armguard.app.driver_process import DriverProcess
 
-            driver = resources.enter_context(DriverProcess(wishes.cell, cell.arm, announcer.tell))
+            driver = resources.enter_context(
+                DriverProcess(wishes.cell, cell.arm, announcer.tell, is_attended=wishes.attended)
+            )
         # Its thread as well.
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))
 

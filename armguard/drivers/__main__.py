@@ -24,7 +24,7 @@ from armguard.drivers.loop import DriveLoop
 from armguard.drivers.measurement import Measurement, describe
 from armguard.drivers.moment import Conduct
 from armguard.drivers.motion import MotionConduct
-from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.options import ENDED, LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.override import OverrideConduct
 from armguard.drivers.program import ProgramConduct
 from armguard.drivers.session import Session
@@ -73,8 +73,11 @@ def connect(session: Session) -> tuple[Arm, Conduct]:
     return running, ProgramConduct(running, session)
 
 
-def drive(options: DriveOptions, link: Link) -> None:
+def drive(options: DriveOptions, link: Link) -> int:
     """Connect, and drive until a measurement is done or the process must end, with the arm at rest.
+
+    Returns:
+        The exit code: 0 if a measurement is done, otherwise `ENDED`.
 
     Raises:
         ArmLostError: The arm can no longer be driven, or may not be at rest.
@@ -96,23 +99,25 @@ def drive(options: DriveOptions, link: Link) -> None:
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
         loop = DriveLoop(arm, conduct, session, publisher, reader)
+        code = 0
         try:
             loop.run()
         except KeyboardInterrupt:
-            pass  # a signal, or the process that watches this one has ended
+            code = ENDED  # by a signal, or the process that watches this one has ended
         finally:
             link.count(latencies.counts)
         arm.leave()
     if measurement is not None and measurement.is_done:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
         link.send(MEASURED, msgspec.json.encode([bool(measurement.problem), text]).decode())
+    return code
 
 
 def run(options: DriveOptions, link: Link) -> NoReturn:
     """Connect, drive, and end the process at once, with an exit code that states the result."""
-    code, name = 0, f"{options.model} at {options.host}"
+    name = f"{options.model} at {options.host}"
     try:
-        drive(options, link)
+        code = drive(options, link)
     except ArmLostError as error:
         # What cannot be driven must not move.
         link.tell(f"{name}: {error}; {stop_alone(options)}")
@@ -123,6 +128,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
     except KeyboardInterrupt:
         # While it connected, or again while the arm was left.
         link.tell(f"{name}: ended before the arm was at rest; {stop_alone(options)}")
+        code = ENDED
     except BaseException as error:
         link.tell(f"{name}: the driver has failed ({type(error).__name__}); {stop_alone(options)}")
         traceback.print_exc()

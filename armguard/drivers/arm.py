@@ -100,8 +100,12 @@ class ProgramArm(Arm, Protocol):
         """Let a paused program continue."""
         ...
 
-    def stop(self) -> None:
-        """Slow down to rest and end the program, by a means independent of `pause`."""
+    def stop(self) -> bool:
+        """Slow down to rest and end the program, by a means independent of `pause`.
+
+        Returns:
+            Whether a motion of the robot may be what is stopped; otherwise people move the arm.
+        """
         ...
 
 

@@ -273,9 +273,13 @@ class FrankaProgramArm(FrankaArm):
         """Go on to the next waypoint."""
         self._program = Program.RUNNING
 
-    def stop(self) -> None:
-        """Have the robot end its motion, which ends the program."""
+    def stop(self) -> bool:
+        """Have the robot end its motion, if one runs, and end the program."""
+        if self._control is None:
+            self._program = Program.STOPPED
+            return False
         self._stop()
+        return True
 
 
 class FrankaMotionArm(FrankaArm):

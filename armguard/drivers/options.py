@@ -9,8 +9,9 @@ import msgspec
 from armguard.bridges.ros2 import FrameErrors
 from armguard.streams.keys import Keys
 
-WRONG_ARM, LOST = 2, 3
-"""Exit codes: another try is useless; the robot was lost, and was stopped if possible."""
+WRONG_ARM, LOST, ENDED = 2, 3, 4
+"""Exit codes: another try is useless; the robot was lost, and was stopped if possible; a signal, or
+the end of its parent, ended the process."""
 
 LONGEST_HANG = 2.0
 """Silence after which the process of a robot that stops by itself is ended, in [s]."""

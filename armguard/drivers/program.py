@@ -118,9 +118,10 @@ class ProgramConduct:
             return
         self._next_stop = now + STOP_INTERVAL
         self._is_pausing = False
+        if not self._arm.stop():
+            return
         self._session.latencies.counts.hard_stops += 1
         self._session.link.tell(
             f"the arm, at {speed:.2g} rad/s, has not paused {waited:.2g} s after the order: "
             f"stopping it, which ends its program"
         )
-        self._arm.stop()

@@ -227,10 +227,11 @@ class UrProgramArm(UrArm):
                 raise ArmLostError(f"the robot is no longer in remote control: {answer}")
         self._dashboard.order(line)
 
-    def stop(self) -> None:
+    def stop(self) -> bool:
         """Stop the joints by `stopj`, which ends the program."""
         if not stop_by_script(self._host, self._deceleration):
             raise ArmLostError("no script reaches the robot: stop it by hand")
+        return True
 
     def leave(self) -> None:
         """Pause the program, if one runs, and wait until the controller has read the order."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import struct
+import time
 
 from armguard.drivers.arm import ArmLostError
 
@@ -16,6 +17,9 @@ DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30002, 30004
 
 TIMEOUT = 1.0
 """How long the controller may take to answer while it is being connected, in [s]."""
+
+TAKE_TIME = 0.02
+"""How long the controller may take to read a script, in [s]."""
 
 _HEADER = struct.Struct(">HB")
 _VERSION_REQUEST = _HEADER.pack(5, ord("V")) + struct.pack(">H", 2)
@@ -137,9 +141,11 @@ def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool
             connection.sendall(f"stopj({deceleration:.3f})\n".encode())
             # Data that nobody reads would end the connection before the line is taken.
             connection.shutdown(socket.SHUT_WR)
-            connection.settimeout(0.02)
-            while connection.recv(65536):
-                pass
+            deadline = time.monotonic() + TAKE_TIME
+            while (left := deadline - time.monotonic()) > 0.0:
+                connection.settimeout(left)
+                if not connection.recv(65536):
+                    break
     except TimeoutError:
         return True
     except (OSError, ArmLostError):

@@ -21,7 +21,7 @@ from collections.abc import Callable
 import msgspec
 
 from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
-from armguard.drivers.options import LOST, WRONG_ARM, DriveOptions
+from armguard.drivers.options import ENDED, LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.stop_alone import stop_alone
 from armguard.exceptions import ArmguardError
 
@@ -209,7 +209,7 @@ def _attend(
     told: deque[str],
     is_over: Callable[[], bool],
 ) -> int:
-    """Watch one process until it ends. Returns its exit code."""
+    """Watch one process until it ends. Returns its exit code, or 0 if it ended as it was told."""
     while driver.process.poll() is None:
         for word, text in driver.read(_WAIT):
             _take(driver, word, text, report, tell, told)
@@ -226,6 +226,11 @@ def _attend(
     if code is None:
         driver.process.kill()
         _stop(options, "the driver's process does not end", tell)
+    elif code == ENDED:
+        if is_over():
+            code = 0
+        else:
+            tell("the driver's process was ended by a signal from elsewhere: another one starts")
     elif code not in (0, WRONG_ARM, LOST):
         # Nothing else can stop the arm now, also where it was told to end.
         how = "while it drove" if driver.is_driving else "while it connected"

@@ -6,12 +6,15 @@ import signal
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rtde_receive", reason="the extra `ur` is not installed")
 
+from armguard.app import driver_process
 from armguard.app.cli import main
+from armguard.app.driver_process import DriverProcess
 from armguard.lab.simulation.ur_controller import UrController
 from support.driven_cell import CELL, find_host
 from support.waiting import wait_until
@@ -73,6 +76,30 @@ def test_a_run_starts_its_driver_starts_it_again_and_ends_it(tmp_path):
     assert '"ticks"' in output
     with pytest.raises(FileNotFoundError):
         open(f"/proc/{driver}/status").close()
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("is_attended", [False, True])
+def test_only_the_first_driver_of_a_person_is_a_persons_start(tmp_path, monkeypatch, is_attended):
+    started, lines = tmp_path / "started", []
+    process = tmp_path / "process"
+    process.write_text(f'#!/bin/sh\necho "$@" >> {started}\nexit 1\n')
+    process.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(process))
+    monkeypatch.setattr(driver_process, "RESTART_DELAY", 0.0)
+    driver = DriverProcess(Path("cell.toml"), "", lines.append, is_attended=is_attended)
+    with driver:
+        driver.start(dict.fromkeys(("joints", "obstacles", "verdicts"), "-"))
+        wait_until(lambda: len(lines) > 2)
+    firsts = ["--again" not in line for line in started.read_text().splitlines()]
+    assert firsts[:3] == [is_attended, False, False]
+
+
+def test_a_run_without_a_driver_has_nothing_to_attend(tmp_path, capsys):
+    cell = tmp_path / "cell.toml"
+    cell.write_text('sources = {}\n[robot]\nname = "ur5e"\n')
+    assert main(["run", str(cell), "--attended"]) == 2
+    assert "--attended" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from armguard.drivers import franka
-from armguard.drivers.franka import FrankaArm, limit_thresholds
+from armguard.drivers.arm import Program
+from armguard.drivers.franka import FrankaArm, FrankaProgramArm, limit_thresholds
 from armguard.verdict import Level
 from support.driven_franka import (
     GUIDING,
@@ -67,6 +68,16 @@ def test_each_mode_in_which_it_cannot_be_driven_has_words():
     arm._cause = "the robot has ended its motion"
     assert arm._find_trouble(FakeState()) == "the robot has ended its motion"
     assert arm._find_trouble(FakeState()) == ""
+
+
+@pytest.mark.parametrize("program", Program)
+def test_a_stop_without_a_motion_ends_the_program_and_leaves_the_arm_able_to_move(program):
+    arm = object.__new__(FrankaProgramArm)
+    arm._control, arm._is_stopping, arm._has_begun = None, False, True
+    arm._program = program
+    assert not arm.stop()
+    assert arm._find_program() is Program.STOPPED
+    assert not arm._is_stopping
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from armguard.drivers import __main__ as main
 from armguard.drivers.arm import ArmLostError, WrongArmError
 from armguard.drivers.link import Link
-from armguard.drivers.options import LOST, WRONG_ARM
+from armguard.drivers.options import ENDED, LOST, WRONG_ARM
 from armguard.drivers.program import ProgramConduct
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm
@@ -46,7 +46,7 @@ def run(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("error", "code", "stops"),
     [
-        (KeyboardInterrupt(), 0, True),
+        (KeyboardInterrupt(), ENDED, True),
         (ArmLostError("lost"), LOST, True),
         (MemoryError(), LOST, True),
         (WrongArmError("another"), WRONG_ARM, False),
@@ -81,5 +81,5 @@ class LeftArm(FakeArm):
 def test_an_arm_is_left_and_one_that_cannot_be_left_in_peace_is_stopped(run, interrupts):
     arm = LeftArm(interrupts)
     ended, lines = run(lambda session: (arm, ProgramConduct(arm, session)))
-    assert (ended, arm.orders) == (0, ["leave"])
+    assert (ended, arm.orders) == (ENDED, ["leave"])
     assert ("STOPPED ALONE" in lines) == bool(interrupts)

@@ -70,3 +70,19 @@ def test_a_monitor_that_counts_from_the_beginning_is_another_one():
     for sequence in (0, 1, 2, 3):
         obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
     assert obedience.restarts == 1
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("first", [1, 7, 8])
+def test_after_the_last_word_of_a_monitor_comes_another_one(first):
+    obedience = Obedience(AGREED)
+    goodbye = [verdict(Level.STOP, sequence=0)] * 2
+    obedience.decide(goodbye[0], 0.0)
+    for sequence in (1, 7):
+        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
+    for one in goodbye:
+        obedience.decide(one, 0.0)
+    assert obedience.restarts == 0, "the program still runs, or has just been paused"
+    for sequence in (first, first + 1):
+        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
+    assert obedience.restarts == 1

@@ -187,3 +187,36 @@ def test_without_any_verdict_it_stands(made):
     streams.level = None
     turn(0.05)
     assert (arm.orders, arm.fraction) == (["pause"], LEAST_SCALE)
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("says_goodbye", [False, True])
+def test_a_program_stays_paused_when_the_monitor_was_restarted(made, says_goodbye):
+    arm, streams, turn, read = made
+    turn(0.05)
+    if says_goodbye:
+        streams.level, streams.validity, streams.sequence = Level.STOP, 0.0, -1
+        turn(0.0004)
+        assert streams.sequence == 0
+    streams.is_silent = True
+    turn(3.0)
+    assert arm.orders == ["pause"]
+    streams.level, streams.validity, streams.sequence = Level.CLEAR, 1.0, 0
+    streams.is_silent = False
+    turn(2.0 * RESUME_DELAY)
+    assert arm.orders == ["pause"]
+    assert "the monitor was restarted" in read()
+
+
+def test_an_arm_that_people_move_is_not_said_to_ignore_a_pause(made):
+    arm, streams, turn, read = made
+    turn(0.05)
+    arm.trouble, arm.fraction = "the robot is guided by hand", 0.0
+    arm.stop = lambda: arm.orders.append("stop")  # no motion runs
+    arm.read = lambda: FakeArm.read(arm)._replace(v=[0.5] * 6)
+    turn(2.0)
+    assert "stop" in arm.orders
+    assert "stopping it" not in read()
+    arm.trouble, streams.level = "", Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert "resume" not in arm.orders

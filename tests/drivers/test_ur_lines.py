@@ -1,6 +1,7 @@
 import contextlib
 import socket
 import threading
+import time
 
 import pytest
 
@@ -73,4 +74,24 @@ def test_what_does_not_speak_rtde_is_told(answer):
         thread.start()
         with pytest.raises(ArmLostError, match="does not support version 2"):
             check_rtde(host)
+        thread.join()
+
+
+def test_a_controller_that_sends_all_the_time_is_not_read_for_ever():
+    host = find_host()
+    with socket.create_server((host, ur_lines.SCRIPT_PORT)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            end = time.monotonic() + 2.0
+            with contextlib.suppress(OSError), connection:
+                while time.monotonic() < end:
+                    connection.sendall(b"state")
+                    time.sleep(0.002)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        begun = time.monotonic()
+        assert stop_by_script(host, 4.0)
+        assert time.monotonic() - begun < 1.0
         thread.join()

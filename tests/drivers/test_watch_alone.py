@@ -53,6 +53,37 @@ def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypa
     assert "ended unexpectedly" in lines[-1]
 
 
+@pytest.mark.hazard("H-24")
+def test_a_driver_that_somebody_else_ends_is_told_and_replaced(monkeypatch, tmp_path):
+    process = tmp_path / "process"
+    process.write_text("#!/bin/sh\ntrap 'exit 4' TERM\nkill $$\n")
+    process.chmod(0o700)
+    lines, firsts = [], []
+
+    class Driver(watching._Driver):
+        def __init__(self, options):
+            super().__init__(options)
+            firsts.append(options.is_first)
+
+    monkeypatch.setattr(sys, "executable", str(process))
+    monkeypatch.setattr(watching, "RETRY", 0.0)
+    monkeypatch.setattr(watching, "_Driver", Driver)
+    watching.watch(OPTIONS, lines.append, lambda: len(lines) == 2, 10.0)
+    assert firsts == [True, False]
+    assert all("ended by a signal from elsewhere" in line for line in lines)
+
+
+def test_a_driver_that_is_told_to_end_has_not_been_lost(monkeypatch, tmp_path):
+    process = tmp_path / "process"
+    process.write_text("#!/bin/sh\ntrap 'exit 4' TERM\nwhile :; do sleep 0.01; done\n")
+    process.chmod(0o700)
+    lines = []
+    monkeypatch.setattr(sys, "executable", str(process))
+    ends = time.monotonic() + 0.3  # the trap is set by then
+    report = watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
+    assert (report.lost, lines) == (0, [])
+
+
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/true")
     driver, report = watching._Driver(OPTIONS), watching.Report(watching.Counts())

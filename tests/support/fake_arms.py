@@ -53,6 +53,7 @@ class FakeArm:
     def stop(self):
         self.orders.append("stop")
         self.program = Program.STOPPED
+        return True
 
     def leave(self):
         self.orders.append("leave")
@@ -64,24 +65,28 @@ class FakeStreams:
     def __init__(self):
         self.level, self.validity, self.sequence, self.published = Level.CLEAR, 1.0, 0, []
         self.scale = 1.0
-        self.command = None
+        self.command = self.newest = None
+        self.is_silent = False
 
     def joints(self, stamp, names, q, v, arm):
         self.published.append((stamp, names, list(q), list(v), arm))
 
     def latest(self, timeout):
         time.sleep(0.0005)
+        if self.is_silent:
+            return self.newest
         if self.level is None:
             return None
         self.sequence += 1
         now = time.monotonic()
-        return verdict(
+        self.newest = verdict(
             self.level,
             stamp=now,
             sequence=self.sequence,
             speed_scale=self.scale,
             valid_until=now + self.validity,
         )
+        return self.newest
 
 
 class FakeMotionArm(FakeArm):
