@@ -278,9 +278,6 @@ class RateLoop:
         )
 
 
-PROVING_TIME = 0.5e-3
-"""Time within which a periodic proof and postponed writes are done, in [s]."""
-
 RECORDING_CHECK_INTERVAL = 1.0
 """Interval between two checks that the recording is still being written, in [s]."""
 
@@ -323,9 +320,9 @@ class RunRecording(Observer):
 
     def rest(self, loop: RateLoop, idle: float) -> None:
         """Write postponed events, and record a proof of the verdict if there is time."""
+        begin = loop.clock.now()
         self.recorder.write_pending()
-        if idle > PROVING_TIME:
-            self.recorder.prove_pending()
+        self.recorder.prove_pending(idle - (loop.clock.now() - begin))
         if loop.clock.now() >= self._next_check:
             self._check_writer(loop)
 

@@ -6,6 +6,7 @@ that with armguard's own code; `armguard_check` checks whether a proof holds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,10 +19,11 @@ from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import Payload
 from armguard.messages.proof import Proof, TrustedCover
 from armguard.monitor.trusted import TrustedParts
+from armguard.obstacles.regions import RegionLimits, make_no_limits, strictest_limit
 from armguard.recording.events import BodiesChanged, Event, Gap, JointState
 from armguard.recording.reading import Recording
-from armguard.recording.replay import read_bodies
-from armguard.recording.settings import make_settings
+from armguard.recording.replay import UNREADABLE, apply_to_table, read_bodies
+from armguard.recording.settings import make_obstacles, make_settings
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.portable import RestoredRobot
 from armguard.verdict import BRAKE, Level
@@ -51,20 +53,22 @@ class Agreement:
 
     def __init__(self, recording: Recording) -> None:
         self.agreeing = 0
+        self._path = str(recording.path)
         self._configuration = recording.provenance.get("configuration")
         try:
             self._settings = make_settings(recording.settings["monitor"])
             self._robot = RestoredRobot(recording.robot)
+            self._obstacles = make_obstacles(recording.settings["obstacles"])
             self._limits = [self._settings.put_in_force(self._robot) for _ in range(2)]
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ArmguardError(
-                str(recording.path),
+                self._path,
                 f"has settings that cannot be read ({type(error).__name__}: {error})",
             ) from None
         # Operating limits that were broken give way to the hardware's.
         self._limits[1].suspend()
         limits = self._settings.contact_limits
-        self._speeds = {0.0} if limits is None else {0.0, *limits.tabulate()[0].tolist()}
+        self._contact = make_no_limits() if limits is None else RegionLimits(*limits.tabulate())
         self._parts: list[TrustedParts] = []
         self._state: JointState | None = None
         self._verdict: VerdictMessage | None = None
@@ -76,8 +80,16 @@ class Agreement:
             The contradiction, in words; empty: none, or the event is no proof.
 
         Raises:
-            ArmguardError: It is about a payload or bodies that the arm cannot have.
+            ArmguardError: It cannot be read, or is about a payload or bodies that the arm cannot
+                have.
         """
+        try:
+            return self._take(event)
+        except (*UNREADABLE, ArmguardError) as error:
+            name = type(event).__name__
+            raise ArmguardError(self._path, f"has a {name} that cannot be read ({error})") from None
+
+    def _take(self, event: Event) -> str:
         if isinstance(event, JointState):
             self._state, self._verdict = event, None
         elif isinstance(event, VerdictMessage):
@@ -91,9 +103,14 @@ class Agreement:
             self._robot.replace_bodies(read_bodies(event))
             self._parts = []
         elif isinstance(event, Proof):
-            problem = next(self._compare(event), "")
+            try:
+                problem = next(self._compare(event), "")
+            except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+                problem = f"it or its joint state is malformed ({error})"
             self.agreeing += not problem
             return problem
+        else:
+            apply_to_table(self._obstacles, event)
         return ""
 
     def _compare(self, proof: Proof) -> Iterator[str]:
@@ -114,8 +131,9 @@ class Agreement:
             for key, value in values.items():
                 if getattr(proof, key) != value:
                     yield f"{key} is {getattr(proof, key)}, that of the {beside} is {value}"
-        if proof.max_speed not in self._speeds:
-            yield f"max_speed is {proof.max_speed}, which no contact limit permits"
+        limit = self._find_contact_limit(proof.obstacle)
+        if not 0.0 <= proof.max_speed <= limit:
+            yield f"max_speed is {proof.max_speed}, its obstacle's contact limit is {limit} m/s"
         brakes = "this" if verdict.level == Level.STOP.name else "next"
         for motion in proof.motions:
             if motion.told == "never":
@@ -123,9 +141,25 @@ class Agreement:
             if motion.told != brakes or verdict.stop not in (None, BRAKE):
                 yield f"its arm brakes after {motion.told} verdict; its own verdict differs"
             stop_time = verdict.stop_time
-            if stop_time is not None and motion.times[-1] > stop_time * (1.0 + STOP_ROUNDING):
+            most = math.inf if stop_time is None else stop_time * (1.0 + STOP_ROUNDING)
+            if not motion.times[-1] <= most:
                 yield f"the arm rests in {motion.times[-1]} s, by the verdict in {stop_time} s"
         yield from self._compare_trusted(proof)
+
+    def _find_contact_limit(self, obstacle: str) -> float:
+        """How fast a surface may be that touches an obstacle, in [m/s]; 0 where it is unknown.
+
+        Of obstacles with the same name the strictest limit counts: a proof names no source.
+        """
+        table = self._obstacles.table
+        return min(
+            (
+                float(strictest_limit.py_func(self._contact, int(table.regions[row])).max_speed)
+                for row, name in enumerate(self._obstacles.ids)
+                if name == obstacle and table.alive[row]
+            ),
+            default=0.0,
+        )
 
     def _compare_trusted(self, proof: Proof) -> Iterator[str]:
         if not self._parts:
@@ -155,6 +189,7 @@ def _holds(cover: TrustedCover, own: TrustedCover) -> bool:
     same = (cover.link, cover.carrier, cover.parents) == (own.link, own.carrier, own.parents)
     return (
         same
+        and len(cover.reach) == len(own.reach)
         and np.allclose(cover.reach, own.reach, rtol=ROUNDING, atol=ROUNDING)
         and len(cover.balls) == len(own.balls)
         and all(

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,8 +93,10 @@ def remove_old(path: Path, part: int, keep: float) -> Iterator[str]:
     The system clock may be wrong and may jump. So the age of a file is the sum of the time steps
     from its last change through later files to the present. Each step counts for a tenth of `keep`
     at most, a step back for nothing, and the longest not at all. So one jump makes no file older,
-    and each further jump adds at most a tenth of `keep`; ten files always stay. By the clock a file
-    must be as old too, and its time must be after 2026.
+    and each further jump adds at most a tenth of `keep`; ten files always stay. Later files are
+    those of later runs and parts, and those with later changes, as runs can record at once: a file
+    must be old by both sums. By the clock a file must be as old too, and its time must be after
+    2026.
 
     Args:
         path: The present part, which stays.
@@ -102,17 +104,36 @@ def remove_old(path: Path, part: int, keep: float) -> Iterator[str]:
         keep: How long a file is kept after its last change, in [s].
     """
     present = time.time()
-    age, longest, later = 0.0, 0.0, present
+    changes: dict[Path, float] = {}
     for file in _list_earlier(path, part):
         try:
-            changed = file.stat().st_mtime
-            step = min(max(later - changed, 0.0), keep / FEWEST)
-            age, longest, later = age + step, max(longest, step), changed
-            if min(age - longest, present - changed) >= keep and changed >= FIRST_TIME:
-                file.unlink()
-                yield file.name
+            changes[file] = file.stat().st_mtime
         except OSError as error:
             yield f"{file.name} (not possible: {error.strerror})"
+    by_name = _sum_steps(changes.items(), present, keep)
+    latest_first = sorted(changes.items(), key=lambda item: item[1], reverse=True)
+    by_time = _sum_steps(latest_first, present, keep)
+    for file, changed in changes.items():
+        age = min(by_name[file], by_time[file], present - changed)
+        if age >= keep and changed >= FIRST_TIME:
+            try:
+                file.unlink()
+                yield file.name
+            except OSError as error:
+                yield f"{file.name} (not possible: {error.strerror})"
+
+
+def _sum_steps(
+    changes: Iterable[tuple[Path, float]], present: float, keep: float
+) -> dict[Path, float]:
+    """Ages of files by the times between their changes, as `remove_old` says, in [s]."""
+    age, longest, later = 0.0, 0.0, present
+    ages = {}
+    for file, changed in changes:
+        step = min(max(later - changed, 0.0), keep / FEWEST)
+        age, longest, later = age + step, max(longest, step), changed
+        ages[file] = age - longest
+    return ages
 
 
 def _list_earlier(path: Path, part: int) -> list[Path]:

@@ -66,6 +66,12 @@ SILENT_TIMEOUT = 2.0
 STUCK_TIMEOUT = 10.0
 """How long the disk may delay that process at the end, in [s], before armguard ends it."""
 
+PROOF_TIME = 1.5e-3
+"""Time that a proof is assumed to take until one took longer, in [s]; 99 of 100 take less."""
+
+LONGEST_PATIENCE = 60.0
+"""Time in [s] after which the assumed time of proofs is halved, once proofs took longer."""
+
 MOST_PENDING = 1000
 """Greatest number of deferred events; further events of a tick are written at once."""
 
@@ -136,6 +142,8 @@ class Recorder:
         """Whether a whole tick is among it."""
         self._proof_interval, self._tried_at = proof_interval, -math.inf
         self._unproved: Verdict | None = None
+        self._proof_time, self._patience = PROOF_TIME, 1.0
+        self._halve_at = time.monotonic() + self._patience
         self.lost = 0
         self._gap_events, self._gap_since = 0, 0
         self._beats, self._beat_time = 0, time.monotonic()
@@ -290,15 +298,37 @@ class Recorder:
         """
         self._defers = True
 
-    def prove_pending(self) -> None:
+    def prove_pending(self, idle: float = math.inf) -> None:
         """Prove the last verdict, if a proof is due, and write the proof.
 
-        A loop that defers calls it when it has half a millisecond to spare; a verdict that is not
-        proved before the next step is left out.
+        A loop that defers calls it in its idle time; a verdict that is not proved before the next
+        step is left out. No proof is made if one took longer than `idle` in processor time lately.
+        That time is halved where it prevents a proof, at most once a minute after proofs took
+        longer repeatedly. So it can happen as rarely that a proof takes longer than `idle`.
+
+        Args:
+            idle: Time to spare, in [s].
         """
-        verdict, self._unproved = self._unproved, None
+        verdict = self._unproved
         if verdict is None or self._proof_interval == math.inf:
             return
+        if not idle > self._proof_time:
+            now = time.monotonic()
+            if now >= self._halve_at:
+                self._proof_time *= 0.5
+                self._halve_at = now + self._patience
+            return
+        self._unproved = None
+        begin = time.thread_time()
+        self._prove(verdict)
+        taken = time.thread_time() - begin
+        if taken > self._proof_time:
+            self._proof_time = taken
+            self._patience = min(2.0 * self._patience, LONGEST_PATIENCE)
+        self._halve_at = time.monotonic() + self._patience
+
+    def _prove(self, verdict: Verdict) -> None:
+        """Prove a verdict, and write the proof."""
         self._tried_at = verdict.valid_until
         try:
             proof = self._monitor.prove(verdict)

@@ -211,16 +211,7 @@ class Replay:
             raise self._make_error(event, error) from None
 
     def _take(self, event: Event, data: bytes) -> None:
-        if isinstance(event, StaticObstacle):
-            points = np.frombuffer(event.position).reshape(-1, 3)
-            if event.speed is None:
-                self.obstacles.add_static(event.id, points, event.radius)
-            else:
-                # It is as wide as it counts already.
-                self.obstacles.add_entrance(
-                    event.id, points, event.radius, 0.0, event.speed, event.accel
-                )
-        elif isinstance(event, BodiesChanged):
+        if isinstance(event, BodiesChanged):
             self.robot.replace_bodies(read_bodies(event))
         elif isinstance(event, Gap):
             self._lost += event.events
@@ -291,11 +282,36 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
     Returns:
         The answer to a plan, where it is one and the monitor takes plans.
     """
-    obstacles = monitor.obstacles
+    apply_to_table(monitor.obstacles, event)
+    if isinstance(event, IgnoreMessage):
+        zone = None
+        if event.zone is not None:
+            zone = to_rows("zone", event.zone, 3)
+        monitor.ignore(event.link, event.ids, event.source, until=event.until, zone=zone)
+    elif isinstance(event, WatchMessage):
+        monitor.watch(event.number)
+    elif isinstance(event, ResetMessage):
+        monitor.reset()
+    elif isinstance(event, Payload):
+        monitor.payload = event.payload
+    elif isinstance(event, PlanMessage | MalformedPlan) and monitor.settings.with_plans:
+        return monitor.commit(restore_plan(event))
+    return None
+
+
+def apply_to_table(obstacles: Obstacles, event: Event) -> None:
+    """Give the input of a recorded event to a table, if the event is an input of a table."""
     if isinstance(event, ObstaclesMessage):
         # The voxels of a recorded cloud stand in an update.
         obstacles.takes_voxels = True
         obstacles.take(read_batch(event))
+    elif isinstance(event, StaticObstacle):
+        points = np.frombuffer(event.position).reshape(-1, 3)
+        if event.speed is None:
+            obstacles.add_static(event.id, points, event.radius)
+        else:
+            # It is as wide as it counts already.
+            obstacles.add_entrance(event.id, points, event.radius, 0.0, event.speed, event.accel)
     elif isinstance(event, RemoveMessage):
         since = None if math.isnan(event.stamp) else event.stamp
         obstacles.remove(event.ids, since, event.source or None)
@@ -311,20 +327,6 @@ def apply_event(monitor: Monitor, event: Event) -> PlanVerdict | None:
         obstacles.untether(event.a, event.b)
     elif isinstance(event, FaultsTaken):
         obstacles.take_faults()
-    elif isinstance(event, IgnoreMessage):
-        zone = None
-        if event.zone is not None:
-            zone = to_rows("zone", event.zone, 3)
-        monitor.ignore(event.link, event.ids, event.source, until=event.until, zone=zone)
-    elif isinstance(event, WatchMessage):
-        monitor.watch(event.number)
-    elif isinstance(event, ResetMessage):
-        monitor.reset()
-    elif isinstance(event, Payload):
-        monitor.payload = event.payload
-    elif isinstance(event, PlanMessage | MalformedPlan) and monitor.settings.with_plans:
-        return monitor.commit(restore_plan(event))
-    return None
 
 
 def _list_fields(event: msgspec.Struct) -> dict[str, Any]:

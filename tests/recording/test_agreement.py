@@ -2,6 +2,7 @@ import copy
 import json
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio
 import pytest
@@ -10,9 +11,10 @@ import armguard
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import Payload
+from armguard.messages.incoming import ObstaclesMessage, RemoveMessage
 from armguard.messages.proof import Proof, seal
 from armguard.recording.agreement import Agreement
-from armguard.recording.events import BodiesChanged, Gap
+from armguard.recording.events import BodiesChanged, Gap, JointState
 from armguard.recording.reading import Recording
 from armguard.robot import Robot
 from armguard.verdict import Level
@@ -23,9 +25,9 @@ from support.permitted_contact import LIMITS
 PLACE = pinocchio.SE3(np.eye(3), np.array([0.1, -0.2, 0.05]))
 
 
-def record(path, robot, changes, **settings):
+def record(path, robot, changes, *, region=None, regions=None, **settings):
     """A ball that comes near, and what changes in some ticks."""
-    obstacles = armguard.Obstacles(sources=["camera"], accel=10.0, speed=1.6)
+    obstacles = armguard.Obstacles(sources=["camera"], accel=10.0, speed=1.6, regions=regions)
     settings = {"rise_delay": 0.0, "base_placement": PLACE} | settings
     monitor = armguard.Monitor(robot, obstacles, **settings)
     with armguard.Recorder(path, monitor, proof_interval=0.01):
@@ -33,7 +35,9 @@ def record(path, robot, changes, **settings):
             if tick in changes:
                 changes[tick](monitor)
             place = [[1.0 - 0.002 * tick, 0.0, 0.5]]
-            obstacles.update(["ball"], tick * PERIOD, place, source="camera", radius=0.1)
+            obstacles.update(
+                ["ball"], tick * PERIOD, place, source="camera", radius=0.1, region=region
+            )
             monitor.step(tick * PERIOD, HOME, STILL)
     return Recording(path)
 
@@ -95,6 +99,11 @@ def change(path, value):
     return do
 
 
+def name_node_of_no_tree(proof, verdict):
+    proof.cover.parents = [-1] * 9999
+    proof.cover.balls[0].node = 9998
+
+
 def level(proof, verdict):
     verdict.level = Level.CLEAR.name
 
@@ -112,8 +121,13 @@ CONTRADICTIONS = {
     "latency": (change(["latency"], lambda x: 0.0), "latency is"),
     "reaction time": (change(["reaction_time"], lambda x: 0.0), "reaction_time is"),
     "margin": (change(["margin"], lambda x: x - 1e-3), "margin is"),
-    "max_speed": (change(["max_speed"], lambda x: 0.25), "no contact limit"),
     "told": (change(["motions", -1, "told"], lambda x: "this"), "brakes after this verdict"),
+    "max_speed": (change(["max_speed"], lambda x: 0.25), "contact limit is 0.0 m/s"),
+    "max_speed that is no number": (change(["max_speed"], lambda x: np.nan), "max_speed is nan"),
+    "end that is no number": (change(["motions", -1, "times", -1], lambda x: np.nan), "in nan s"),
+    "no times": (change(["motions", -1, "times"], lambda x: []), "malformed (list index out"),
+    "short reach": (change(["cover", "reach"], lambda x: x[:3]), "other spheres"),
+    "long tree": (name_node_of_no_tree, "is malformed (index"),
     "end": (change(["motions", -1, "times", -1], lambda x: 2.0 * x), "by the verdict in"),
     "limits": (change(["arm", "acceleration", 0], lambda x: 0.99 * x), "other joints, limits"),
     "brakes": (change(["arm", "brakes", 0, "deceleration", 0], lambda x: 1.1 * x), "or brakes"),
@@ -153,7 +167,7 @@ def test_a_stop_that_is_to_finish_a_piece_is_no_braking(recording):
     for event in stops:
         event.stop = "finish" if event.level == "STOP" else None
     said = compare(recording, events)
-    assert any("is about an arm that brakes by this verdict" in one for one in said)
+    assert any("its arm brakes after this verdict" in one for one in said)
 
 
 def test_a_proof_without_its_verdict_is_told_of(recording):
@@ -165,15 +179,70 @@ def test_a_proof_without_its_verdict_is_told_of(recording):
     assert "" not in compare(recording, without)
 
 
-def test_speeds_of_contact_are_those_of_the_limits(tmp_path):
-    recording = record(tmp_path / "run.mcap", ranged_panda(), {}, contact_limits=LIMITS)
+(SPEED,) = {limit.max_speed for limit in LIMITS.by_region.values()}
+
+
+@pytest.mark.parametrize(
+    ("stated", "permitted"),
+    [
+        ({"region": "hand"}, SPEED),
+        ({"regions": {"b*": "hand"}}, SPEED),
+        ({"region": "face"}, 0.0),
+        ({"region": "face", "regions": {"b*": "hand"}}, 0.0),
+        ({}, 0.0),
+    ],
+)
+def test_speeds_of_contact_are_those_of_the_obstacles_own_regions(stated, permitted, tmp_path):
+    recording = record(tmp_path / "run.mcap", ranged_panda(), {}, contact_limits=LIMITS, **stated)
     assert set(compare(recording)) == {""}
     events = copy.deepcopy([one.event for one in recording.events()])
     first = next(event for event in events if isinstance(event, Proof))
-    (speed,) = {limit.max_speed for limit in LIMITS.by_region.values()}
-    for stated, said in ((speed, ""), (2.0 * speed, f"max_speed is {2.0 * speed}")):
-        first.max_speed = stated
-        assert compare(recording, events)[0].startswith(said)
+    assert first.max_speed == permitted
+    first.max_speed = SPEED
+    assert bool(compare(recording, events)[0]) == (permitted == 0.0)
+    first.max_speed = 2.0 * SPEED
+    assert compare(recording, events)[0].startswith(f"max_speed is {2.0 * SPEED}")
+
+
+def test_an_obstacle_that_was_removed_begins_without_regions(tmp_path):
+    """The limit is that of what was stated since; one that is gone may not be touched."""
+    recording = record(
+        tmp_path / "run.mcap",
+        ranged_panda(),
+        {50: lambda monitor: monitor.obstacles.remove(["ball"], 49.5 * PERIOD, "camera")},
+        contact_limits=LIMITS,
+        region="hand",
+    )
+    assert set(compare(recording)) == {""}
+    events = [one.event for one in recording.events()]
+    place = next(k for k, event in enumerate(events) if isinstance(event, RemoveMessage))
+    events[:place] = [
+        msgspec.structs.replace(event, region="face")
+        if isinstance(event, ObstaclesMessage)
+        else event
+        for event in events[:place]
+    ]
+    said = compare(recording, events)
+    after = sum(isinstance(event, Proof) for event in events[place:])
+    assert after > 3
+    assert set(said[-after:]) == {""}
+    assert all("max_speed" in one for one in said[:-after])
+
+
+def test_a_joint_state_of_half_a_number_is_no_agreement(recording):
+    events = copy.deepcopy([one.event for one in recording.events()])
+    for event in events:
+        if isinstance(event, JointState):
+            event.q = event.q[:-4]
+    assert all("malformed (buffer size" in one for one in compare(recording, events))
+
+
+def test_a_message_that_cannot_be_read_is_named(recording):
+    events = copy.deepcopy([one.event for one in recording.events()])
+    first = next(event for event in events if isinstance(event, ObstaclesMessage))
+    first.position = first.position[:-4]
+    with pytest.raises(ArmguardError, match="has a ObstaclesMessage that cannot be read"):
+        compare(recording, events)
 
 
 def test_a_contradiction_can_hold_by_itself(recording):

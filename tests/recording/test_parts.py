@@ -108,6 +108,34 @@ def test_files_from_a_clock_that_was_wrong_stay(tmp_path, monkeypatch):
     assert len(list_removed(present, 1, 1e-3, monkeypatch)) in (28, 29)
 
 
+@pytest.mark.hazard("H-11")
+def test_a_clock_that_jumps_removes_nothing_young_where_two_runs_record_at_once(
+    tmp_path, monkeypatch
+):
+    """One file a day of each run, and a clock that then jumps by a year."""
+    runs = [name.removesuffix(".mcap") for name in name_runs(2)]
+    for run in runs:
+        names = [f"{run}.mcap", *(f"{run}.{part}.mcap" for part in range(2, 15))]
+        present = make_files(tmp_path, names, reversed(range(14)))
+    told = list_removed(present, 14, 11.5, monkeypatch, now=NOW + 365.0 * DAY)
+    # Those that are 12 days old and more, but for one that follows the jump's step.
+    assert {*told} == {f"{runs[0]}.mcap", f"{runs[0]}.2.mcap", f"{runs[1]}.mcap"}
+
+
+@pytest.mark.hazard("H-11")
+def test_a_run_under_a_clock_that_was_behind_stays_among_earlier_files(tmp_path, monkeypatch):
+    """Its changes lie between those of older files, which does not make it older."""
+    earlier, behind, present = name_runs(3)
+    names = [earlier, *(find_part(Path(earlier), 1, part).name for part in range(2, 41))]
+    make_files(tmp_path, names, [20.0 + 0.5 * age for age in reversed(range(40))])
+    parts_behind = [find_part(Path(behind), 1, part).name for part in range(1, 4)]
+    make_files(tmp_path, parts_behind, [38.0, 37.0, 36.0])
+    latest = make_files(tmp_path, [present], [0.0])
+    told = list_removed(latest, 1, 15.0, monkeypatch)
+    assert told
+    assert {*told} <= {*names}
+
+
 def test_what_cannot_be_removed_is_told(tmp_path, monkeypatch):
     names = name_runs(40)
     present = make_files(tmp_path, names, reversed(range(40)))

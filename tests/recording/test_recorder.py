@@ -1,3 +1,4 @@
+import itertools
 import json
 import os
 import select
@@ -5,6 +6,7 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import coal
 import numpy as np
@@ -229,6 +231,51 @@ def test_what_is_deferred_is_bounded(tmp_path, monkeypatch):
     stand(monitor, 1, 100)
     assert recorder.close() == ""
     assert sum(isinstance(event, ObstaclesMessage) for event in read_events(path)) == 100
+
+
+def test_no_proof_is_made_in_less_time_than_one_took(tmp_path, monkeypatch):
+    """The assumed time is halved where it prevents a proof, later each time it was too short."""
+    recorder, obstacles, monitor = start(tmp_path / "run.mcap", proof_interval=0.0)
+    recorder.defer()
+    present, used, proved = [100.0], [0.0], []
+
+    def prove(verdict):
+        used[0] += 1e-3
+        proved.append(verdict.sequence)
+
+    clock = SimpleNamespace(
+        monotonic=lambda: present[0],
+        thread_time=lambda: used[0],
+        monotonic_ns=time.monotonic_ns,
+        time_ns=time.time_ns,
+    )
+    monkeypatch.setattr(recorder_module, "time", clock)
+    monkeypatch.setattr(monitor, "prove", prove)
+    recorder._halve_at = 101.0
+    ticks = itertools.count()
+
+    def try_one(idle):
+        tick = next(ticks)
+        obstacles.update(["ball"], tick * PERIOD, [[0.9, 0.0, 0.5]], source="camera", radius=0.1)
+        (verdict,) = stand(monitor, 1, tick)
+        recorder.write_pending()
+        recorder.prove_pending(idle)
+        return proved[-1:] == [verdict.sequence]
+
+    assert not any(try_one(0.8e-3) for _ in range(5))  # the first assumption is longer
+    assert try_one(2e-3)
+    waits = []
+    for _ in range(10):
+        since = present[0]
+        while not try_one(0.8e-3):
+            present[0] += 0.25
+        waits.append(present[0] - since)
+    # Each took longer than there was, and makes the next one wait for longer.
+    assert waits[1:] == sorted(waits[1:])
+    assert waits[-1] >= 60.0
+    assert not any(try_one(value) for value in (0.9e-3, 0.0, -1.0, float("nan")))
+    monkeypatch.undo()
+    recorder.close()
 
 
 def test_a_loop_that_defers_proves_its_last_verdict_when_it_says_so(tmp_path):
