@@ -61,24 +61,22 @@ class ReasonKind(enum.Enum):
     CONTACT = (
         "contact possible",
         Effect.NOTE,
-        "Do nothing: this pair decides the level. `monitor.explain()` says more.",
+        "Do nothing: this pair decides the level.",
     )
     CONTACT_ALLOWED = (
         "contact allowed",
         Effect.NOTE,
-        "If it is not intended, remove the contact limit (docs/contact_limits.md).",
+        "Remove the contact limit if contact is not intended.",
     )
     CONTACT_FORBIDDEN = (
         "contact not permitted",
         Effect.NOTE,
-        "Keep the arm slower there, or state the region and, for clamping, `force` and "
-        "`stiffness` (docs/contact_limits.md).",
+        "Keep the arm slower there, or state a limit (docs/contact_limits.md).",
     )
     LATE_DATA = (
         "late data",
         Effect.NOTE,
-        "Find what delayed the source or the joint states. The detail has the level without the "
-        "delay.",
+        "Find what delayed the source or the joint states.",
     )
     LATE_DATA_UNKNOWN = (
         "late data, effect unknown",
@@ -88,17 +86,17 @@ class ReasonKind(enum.Enum):
     WIDENED_BOUNDS = (
         "bounds widened",
         Effect.NOTE,
-        "Nothing came near. State bounds that the body keeps.",
+        "State bounds that the body keeps.",
     )
     REFUSED_ALTERNATIVE = (
         "refused sample counts",
         Effect.NOTE,
-        "Nothing came near. Look for swapped ids and jumps in perception.",
+        "Look for swapped ids and jumps in perception.",
     )
     HIDDEN = (
         "body hidden",
         Effect.NOTE,
-        "Find why its source does not see it; it can come nearer unseen.",
+        "Find why its source does not see it.",
     )
     HOLD = (
         "waiting for evidence before the level rises",
@@ -123,12 +121,12 @@ class ReasonKind(enum.Enum):
     FORGOTTEN = (
         "forgotten by a reset",
         Effect.NOTE,
-        "Find its sender. If it is real, correct its stamps, or name the source.",
+        "Find its sender, and correct its stamps.",
     )
     ID_SHARED = (
         "id used twice",
         Effect.NOTE,
-        "Give bodies of different sources different ids. Both are watched.",
+        "Give bodies of different sources different ids.",
     )
     PLAN_REFUSED = (
         "plan refused",
@@ -143,7 +141,7 @@ class ReasonKind(enum.Enum):
     PLAN_VOID = (
         "plan not followed any more",
         Effect.NOTE,
-        "Send a plan that begins where the arm is, with true tracking errors.",
+        "Send a plan that begins where the arm is.",
     )
     PIECE_UNSAFE = (
         "committed piece not safe any more",
@@ -158,7 +156,7 @@ class ReasonKind(enum.Enum):
     CROWD = (
         "more is near than was evaluated",
         Effect.NOTE,
-        "Do nothing: the level is STOP, and the rest is evaluated later.",
+        "Do nothing: the rest is evaluated later.",
     )
     OBSTACLE_REFUSED = (
         "obstacle refused",
@@ -198,7 +196,7 @@ class ReasonKind(enum.Enum):
     STAMP_AHEAD = (
         "stamp ahead of the clock",
         Effect.STANDING,
-        "Check the source's clock, and the `clock` that the cell file states.",
+        "Check the source's clock and its `clock` key.",
     )
     OBSTACLE_NOT_BELIEVED = (
         "obstacle not believed",
@@ -213,12 +211,12 @@ class ReasonKind(enum.Enum):
     CALL_REFUSED = (
         "malformed obstacle call",
         Effect.STANDING,
-        "Correct the message that the detail names; none of it was used.",
+        "Correct the message that the detail names.",
     )
     OTHER_ARM_BROKE = (
         "other arm broke its limits",
         Effect.STANDING,
-        "Let its controller keep its limits and plans, or correct them.",
+        "Let its controller keep its limits and plans.",
     )
     OVERDUE = (
         "pair overdue",
@@ -228,22 +226,22 @@ class ReasonKind(enum.Enum):
     IGNORE_UNMATCHED = (
         "ignored pair matches nothing",
         Effect.STANDING,
-        "Correct the pattern, or name the source if the obstacle comes later.",
+        "Correct the pattern, or name the source.",
     )
     PAIR_IGNORED = (
         "pair not watched for the time being",
         Effect.NOTE,
-        "If it is not intended, `monitor.watch(number)` ends it (docs/contact.md).",
+        "Call `monitor.watch(number)` if it is not intended.",
     )
     PAIR_WATCHED = (
         "exempt pair watched again",
         Effect.NOTE,
-        "Unless the exemption is over, give more time or a larger zone.",
+        "Give more time or a larger zone.",
     )
     IN_CONTACT = (
         "in contact",
         Effect.STANDING,
-        "Wait until the person draws back, or commit a piece that recedes.",
+        "Wait until the person draws back.",
     )
     MOVED_BY_CONTACT = (
         "contact moved a joint",
@@ -253,7 +251,7 @@ class ReasonKind(enum.Enum):
     JOINT_STOP_AHEAD = (
         "joint runs into its stop",
         Effect.STANDING,
-        "Keep the joint slower near its limit, or correct the limit in robot.toml.",
+        "Keep the joint slower near its limit.",
     )
     BRAKES_NOT_COVERED = (
         "brakes not stated for such speeds",
@@ -263,7 +261,7 @@ class ReasonKind(enum.Enum):
     OPERATING_LIMITS_BROKEN = (
         "operating limits broken",
         Effect.STANDING,
-        "Let the controller keep the stated limits, or correct them.",
+        "Let the controller keep the stated limits.",
     )
     ENDED = (
         "monitor has ended",
@@ -283,8 +281,7 @@ class ReasonKind(enum.Enum):
     JOINT_STATE_JUMPED = (
         "joint state jumped",
         Effect.LATCHED,
-        "Check for lost or swapped states, units and stamps. A simulation must stamp its nominal "
-        "time. Then reset.",
+        "Check for lost or swapped states, units and stamps. Then reset.",
     )
     TIME_INVALID = (
         "time not finite",
@@ -294,7 +291,7 @@ class ReasonKind(enum.Enum):
     TIME_BACKWARDS = (
         "time ran backwards",
         Effect.LATCHED,
-        "Use a clock that never goes back, such as the monotonic one. Then reset.",
+        "Use a clock that never goes back. Then reset.",
     )
     JOINT_STATE_GAP = (
         "gap in joint states",

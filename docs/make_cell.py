@@ -29,7 +29,7 @@ PAGE = Path(__file__).resolve().parent / "cell.md"
 
 HEAD = """# Cell file
 
-<!-- written by docs/make_cell.py from armguard/app/cell/schema.py and armguard/settings: change it there -->
+<!-- written by docs/make_cell.py -->
 
 All keys of a `cell.toml`; [demos/cell.toml](../demos/cell.toml) shows them. The smallest is
 

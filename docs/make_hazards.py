@@ -26,7 +26,7 @@ hide: [toc]
 
 # Hazards
 
-<!-- written by docs/make_hazards.py from docs/hazards.toml and the marks of tests: change it there -->
+<!-- written by docs/make_hazards.py from docs/hazards.toml -->
 
 An input for the risk assessment of a monitored cell; each cell has more hazards. armguard is **no certified safety device**. Nothing here claims conformity to a standard or a law.
 
@@ -44,11 +44,11 @@ STANDARDS = {
         "ISO 10218-1:2025",
         "industrial robots as machines",
         "measured stopping times (`armguard commission`)",
-        "functions of the robot and their performance",
+        "functions of the robot",
     ),
     "Integration2025": (
         "ISO 10218-2:2025",
-        "robot cells; it includes ISO/TS 15066",
+        "robot cells",
         "verdicts, contact limits, recordings",
         "safety functions, measured force and pressure, validation",
     ),
@@ -61,12 +61,12 @@ STANDARDS = {
     "ControlSystems": (
         "ISO 13849-1:2023",
         "safety-related control",
-        "premises, tested laws, repeatable verdicts",
+        "repeatable verdicts",
         "a performance level: armguard has one channel and no assessed development",
     ),
     "MachineryRegulation": (
         "Regulation (EU) 2023/1230",
-        "EU law from 20 January 2027, amended in 2026: corruption, versions, logs for five years",
+        "EU law from 20 January 2027; it asks for logs for five years",
         "signed recordings (`--sign`, `--verify`, `--keep-days 1830`)",
         "Whether it is a safety component, and the assessment of conformity",
     ),
@@ -122,7 +122,7 @@ def write_page() -> str:
     law = [
         "## Standards and the law",
         "",
-        "As of November 2026, in this project's words; the texts count.",
+        "As of November 2026; the texts count.",
         "",
         "| text | about | armguard contributes | armguard does not |",
         "|---|---|---|---|",

@@ -10,9 +10,9 @@ PAGE = Path(__file__).resolve().parent / "reasons.md"
 
 HEAD = """# Reasons
 
-<!-- written by docs/make_reasons.py from armguard.ReasonKind: change it there -->
+<!-- written by docs/make_reasons.py -->
 
-Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`). See also [Troubleshooting](troubleshooting.md).
+Every reason of a verdict, its name in messages, and its remedy (`reason.kind.remedy`).
 """
 
 RESET = " Then reset."
@@ -23,7 +23,7 @@ SECTIONS = {
     ),
     Effect.LATCHED: (
         "STOP until a reset",
-        "Use `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN` with the run's token.",
+        "Use `monitor.reset()`, or `armguard reset ADDRESS --token TOKEN`.",
     ),
     Effect.NOTE: (
         "Notes",

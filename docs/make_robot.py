@@ -39,7 +39,7 @@ DEFAULTS = {"''": "empty", "()": "none", "{}": "none", "None": "none", "1e-3": "
 
 HEAD = """# robot.toml
 
-<!-- written by docs/make_robot.py from armguard/robot/description.py and brakes.py: change it there -->
+<!-- written by docs/make_robot.py -->
 
 A robot is a folder with `robot.toml` and the [cover](covers.md) proved for it, as in `robots/`. `robot.toml` states limits that hold in every mode, braking, and the source of each figure.
 
@@ -53,7 +53,7 @@ reads the URDF or [MJCF](mujoco.md), asks for what it lacks, proves the cover an
 - A moving link without collision geometry needs `--collision-from-visual LINK`, or `--bare-links LINK`, which leaves it unwatched.
 - Mimic joints, and those of `--travel`, can be anywhere in their range. `--lock JOINT=POSITION` is for joints that stand still; `--joints` chooses what is watched.
 
-Use the folder as a robot's name: `armguard.Robot.load("./my_arm")`. [Tested arms](arms.md) lists examples.
+Use the folder as a robot's name: `armguard.Robot.load("./my_arm")`.
 
 ## Keys
 
@@ -73,9 +73,8 @@ SECTIONS = (
 """Title of each table, the class that reads it, and the module that has it."""
 
 AFTER = {
-    "`[sources]`, and `sources` of a joint": "A source that begins with CHOSEN or DERIVED marks an unpublished figure.\n",
-    "`[[brakes]]`": "A row holds for the joints that it names, or for all. It needs `deceleration`, or `stopping_time` and `stopping_distance` (ISO 10218-1, annex B). Between two rows, the one for the higher load or speed counts. A joint faster than any row is a STOP.\n",
-    "`[locked.NAME]`": "State one of the two. With `travel`, the links count as everything that they can reach.\n",
+    "`[[brakes]]`": "A row holds for the joints that it names, or for all. It needs `deceleration`, or `stopping_time` and `stopping_distance`. Between two rows, the one for the higher load or speed counts. A joint faster than any row is a STOP.\n",
+    "`[locked.NAME]`": "State one of the two.\n",
     "`[operating.published]`": 'They are in force only with `operating = "published"` in a cell file or `Monitor`.\n',
 }
 

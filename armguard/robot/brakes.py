@@ -51,7 +51,7 @@ class BrakeRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Deceleration that is guaranteed at each instant until the joint is at rest, in [rad]/[s²] or
     [m]/[s²]."""
     source: str = ""
-    """Source of the row; empty: the source of its joints' braking."""
+    """Source of the row."""
 
 
 class BrakeEntry(NamedTuple):

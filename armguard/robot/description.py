@@ -33,11 +33,11 @@ class LimitSources(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Source of each kind of limit: of the whole robot, or of one joint if it differs."""
 
     position: str = ""
-    """Source of the position limits; required for every joint with such limits."""
+    """Source of the position limits."""
     velocity: str = ""
-    """Source of the velocity limits; required for every joint."""
+    """Source of the velocity limits."""
     acceleration: str = ""
-    """Source of the acceleration limits; required for every joint."""
+    """Source of the acceleration limits."""
     braking: str = ""
     """Source of the rows of `[[brakes]]` without their own source."""
 
@@ -52,13 +52,13 @@ class JointDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     braking: float | None = None
     """Refused: state `[[brakes]]` instead."""
     position: tuple[float, float] | None = None
-    """Lowest and highest position, in [rad] or [m]; a continuous joint has none."""
+    """Lowest and highest position, in [rad] or [m]."""
     position_error: float = 1e-3
     """Greatest error of a measured position, in [rad] or [m]."""
     velocity_error: float = 0.02
     """Greatest error of a measured velocity, in [rad/s] or [m/s]."""
     sources: LimitSources = LimitSources()
-    """Sources of its own limits, if they differ from `[sources]`."""
+    """Sources of its own limits."""
 
 
 class LockedJoint(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -94,17 +94,16 @@ class OperatingDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     sources: OperatingSources
     """Their sources."""
     velocity: dict[str, float]
-    """Operating velocity of each joint, at most its velocity limit, in [rad/s] or [m/s]."""
+    """Operating velocity of each joint, in [rad/s] or [m/s]."""
     acceleration: dict[str, float]
-    """Operating acceleration of each joint, at most its acceleration limit, in [rad/s²] or [m/s²].
-    """
+    """Operating acceleration of each joint, in [rad/s²] or [m/s²]."""
 
 
 class OperatingTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[operating]`: published operating limits of a robot."""
 
     published: OperatingDescription | None = None
-    """The published limits; used only on request."""
+    """The published limits."""
 
 
 class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -122,7 +121,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Path of the URDF or MJCF: relative to the folder of robot.toml, absolute, or below `robots/`
     of the package example-robot-data."""
     package_dirs: tuple[str, ...] = ()
-    """Folders in which `package://` names are looked up, besides those around the URDF."""
+    """Folders in which `package://` names are looked up."""
     locked: dict[str, LockedJoint] = {}
     """Joints that are not watched."""
     bare_links: tuple[str, ...] = ()
@@ -130,7 +129,7 @@ class RobotDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     collision_from_visual: tuple[str, ...] = ()
     """Links without collision geometry whose visual geometry is used instead."""
     operating: OperatingTable = OperatingTable()
-    """Operating limits of its controller, as far as they are published."""
+    """Operating limits of its controller."""
 
     @property
     def travelling(self) -> list[str]:

@@ -61,8 +61,7 @@ class ContactLimit(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     force: NotNegative | None = None
     """Greatest force, in [N]; without it a part that can be clamped may not be touched."""
     transient_force: NotNegative | None = None
-    """Greatest impact force where the part can move away, in [N]; at least `force`. Left out:
-    `force`."""
+    """Greatest impact force where the part can move away, in [N]. Left out: `force`."""
     stiffness: Positive | None = None
     """Tissue stiffness, in [N/m]; high is cautious. Left out: needed with `force`."""
     body_mass: Positive | None = None

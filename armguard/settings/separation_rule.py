@@ -22,7 +22,7 @@ class SeparationRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     human_speed: NotNegative | Literal["own"] | None = HUMAN_SPEED
     """Walking speed, in [m/s]; `"own"` (Python: `None`): each obstacle's speed bound."""
     intrusion_distance: NotNegative = 0.0
-    """Reach before detection, in [m]; not for statics."""
+    """Reach before detection, in [m]."""
     human_uncertainty: NotNegative = 0.0
     """Added to obstacles' position errors, in [m]."""
     robot_uncertainty: NotNegative = 0.0

@@ -57,7 +57,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     ] = 0.1
     """Share by which an old contact time can be shorter than a new one."""
     budget: Annotated[int, Meta(gt=0, examples=[16, 64, 256, 1024])] | None = None
-    """Evaluations per tick and per stop decision; beyond it the answer is cautious, up to STOP.
+    """Evaluations per tick and per stop decision.
     Left out: no limit."""
     reaction_time: Threshold = 0.02
     """Time from a STOP to braking torque, in [s]."""
@@ -71,7 +71,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     """Time that a level is held after its last cause or a reset, and a refused sample counts, in
     [s]."""
     scale_rise: Annotated[Positive, Meta(extra={"table": "thresholds"})] = 1.0
-    """Greatest rise of the speed scale, in [1/s]; it falls at once."""
+    """Greatest rise of the speed scale, in [1/s]."""
     source_timeout: Threshold = 0.2
     """Default `timeout` of sources and greatest lead of their stamps, in [s]."""
     joint_timeout: Threshold | None = None

@@ -225,7 +225,7 @@ def test_a_file_that_is_no_bag_is_told_by_name(tmp_path):
             run(path)
         assert "\n" not in str(caught.value)
     for path in (tmp_path, tmp_path / "nothing"):
-        with pytest.raises(ArmguardError, match="not there"):
+        with pytest.raises(ArmguardError, match="does not exist"):
             run(path)
 
 

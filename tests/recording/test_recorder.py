@@ -452,7 +452,7 @@ def test_what_keeps_the_file_from_being_written_is_found_while_it_lasts(tmp_path
     wait_until(lambda: recorder._ring.beats > 0)
     assert recorder.find_trouble() == ""
     os.kill(recorder.pid, signal.SIGSTOP)
-    wait_until(lambda: "held up" in recorder.find_trouble())
+    wait_until(lambda: "blocked" in recorder.find_trouble())
     os.kill(recorder.pid, signal.SIGCONT)
     wait_until(lambda: not recorder.find_trouble())
     os.kill(recorder.pid, signal.SIGKILL)

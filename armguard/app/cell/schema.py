@@ -52,7 +52,7 @@ class IgnoreTable(_Table, kw_only=True):
     ids: Name
     """Pattern of obstacle ids."""
     source: Name | None = None
-    """Source that reports the ids, perhaps later."""
+    """Source that reports the ids."""
     zone: Annotated[list[Vector], Meta(min_length=4, max_length=8)]
     """4 to 8 corners in the world, in [m]."""
 
@@ -63,7 +63,7 @@ class BaseTable(_Table):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Rotation: x, y, z, w of length 1."""
+    """Rotation: x, y, z, w."""
 
 
 class OperatingTable(_Table):
@@ -75,7 +75,7 @@ class OperatingTable(_Table):
     velocity: Fraction | list[Positive] | UnsetType = UNSET
     """Greatest velocity, in [rad/s] or [m/s]."""
     acceleration: Fraction | list[Positive] | UnsetType = UNSET
-    """Greatest acceleration, in [rad/s²] or [m/s²]; braking has the hardware's."""
+    """Greatest acceleration, in [rad/s²] or [m/s²]."""
 
 
 class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
@@ -93,12 +93,11 @@ class UrTable(_Table, kw_only=True, tag_field="name", tag="ur"):
     joints: list[Name] | None = None
     """The six joints, from the base."""
     timeout: Positive = 0.1
-    """Silence of the robot that pauses its program, in [s]; after three times
-    this, the arm is stopped."""
+    """Silence of the robot that pauses its program, in [s]."""
     speed: Fraction = 1.0
     """Speed slider where nothing is near."""
     stop_within: Positive = 1.0
-    """Longest motion after a pause, in [s]; then the program is ended."""
+    """Longest motion after a pause, in [s]."""
     deceleration: Positive = 4.0
     """Its deceleration, in [rad/s²]."""
 
@@ -112,17 +111,17 @@ class FrankaTable(_Table, kw_only=True, tag_field="name", tag="franka"):
     host: Name
     """Controller address."""
     model: Name = "FR3"
-    """Name in messages; the robot reports none."""
+    """Name in messages."""
     joints: list[Name] | None = None
     """The seven joints, from the base."""
     timeout: Positive = 0.1
     """Silence of the robot that pauses its program, in [s]."""
     waypoints: list[list[float]] = []
-    """Two or more positions to move between, in [rad]; none with a shield."""
+    """Two or more positions to move between, in [rad]."""
     speed: Fraction = 1.0
     """Fraction of `[robot.operating]` where nothing is near."""
     stop_within: Positive = 1.0
-    """Longest motion after a pause, in [s]; then the program is ended."""
+    """Longest motion after a pause, in [s]."""
     deceleration: Positive = 4.0
     """Deceleration to waypoints and pauses, in [rad/s²]."""
 
@@ -187,13 +186,13 @@ class _AnyArmTable(_Table):
     limits: Name | None = None
     """Path of its robot.toml; needed with `urdf`."""
     package_dirs: list[Name] = []
-    """Folders for `package://` names; with `urdf`."""
+    """Folders for `package://` names."""
     joints: list[Name] | None = None
     """Watched joints, by name or pattern, such as `["left_*"]`."""
     cover: Name | None = None
     """Path of a cover.json from `armguard cover`."""
     level: Annotated[int, Meta(ge=0)] | None = None
-    """Finest cover level; 0: one sphere per link."""
+    """Finest cover level."""
     base: BaseTable = BaseTable()
     """Pose of the robot's base."""
     payload: NotNegative | UnsetType = UNSET
@@ -208,7 +207,7 @@ class RobotTable(_AnyArmTable):
     """`[robot]`: a known robot, or a URDF with a file of limits."""
 
     name: Name | None = None
-    """Robot of `armguard robots`, or folder of one; or give `urdf`."""
+    """Robot of `armguard robots`, or folder of one."""
 
 
 class StampTable(_Table):
@@ -230,7 +229,7 @@ class FrameTable(_Table):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin in the parent, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Rotation: x, y, z, w of length 1."""
+    """Rotation: x, y, z, w."""
     calibration_error: NotNegative = 0.0
     """Error of points due to the frame, in [m]."""
 
@@ -279,7 +278,7 @@ class StaticTable(_Table, kw_only=True):
     frame: Name = "world"
     """Frame of the points."""
     position: Vector | None = None
-    """One point, in [m]; or give `points`."""
+    """One point, in [m]."""
     points: Annotated[list[Vector], Meta(min_length=1, max_length=8)] | None = None
     """1 to 8 hull points, in [m]."""
     radius: NotNegative
@@ -327,7 +326,7 @@ class ToolTable(_Table):
     xyz: Vector = (0.0, 0.0, 0.0)
     """Position in the frame of the link's joint, in [m]."""
     quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    """Rotation: x, y, z, w of length 1."""
+    """Rotation: x, y, z, w."""
     sphere: Positive | None = None
     """Radius, in [m]."""
     box: tuple[Positive, Positive, Positive] | None = None
@@ -348,9 +347,9 @@ class ArmTable(_AnyArmTable, kw_only=True):
     name: Name
     """Unique name; `arm` in joint states."""
     robot: Name | None = None
-    """As `name` of `[robot]`; or give `urdf`."""
+    """As `name` of `[robot]`."""
     calibration_error: NotNegative = 0.0
-    """Error of its points for other arms, from its base, in [m]."""
+    """Error of its points for other arms, in [m]."""
     tool: ToolTable | None = None
     """Body fixed to one of its links."""
     ignore: list[IgnoreEntry] = []
@@ -381,8 +380,7 @@ class BoundsTable(_Table):
     extent: Positive | UnsetType = UNSET
     """Greatest world coordinate, either way, in [m]."""
     body_limits: tuple[Positive, Positive] | UnsetType = UNSET
-    """Speed in [m/s] and acceleration in [m/s²] that no body part exceeds; a sample beyond them has
-    a measurement error."""
+    """Speed in [m/s] and acceleration in [m/s²] that no body part exceeds."""
     of: dict[Name, str | PatternTable] = {}
     """By id pattern, the first match: a body part such as `"hand"`, or a table."""
 
@@ -415,7 +413,7 @@ class ShieldTable(_Table, kw_only=True):
     jerk: Positive | list[Positive]
     """Greatest jerk of all joints or each, in [rad/s³] or [m/s³]."""
     look_ahead: Positive | UnsetType = UNSET
-    """Time for which the requested speed must stay possible, in [s]; more brakes more gently."""
+    """Time for which the requested speed must stay possible, in [s]."""
     chunk_period: Positive | UnsetType = UNSET
     """Time between chunk points, in [s]."""
     tracking_error: Positive | list[Positive] | UnsetType = UNSET
@@ -477,8 +475,7 @@ class CellTables(_Table, kw_only=True):
     tool: ToolTable | None = None
     """Body fixed to a link."""
     ignore: list[IgnoreEntry | IgnoreTable] = []
-    """Unwatched pairs: patterns of link and id, perhaps source. Without a source, the level is STOP
-    until an id matches."""
+    """Unwatched pairs: patterns of link and id, perhaps source."""
     bounds: BoundsTable = BoundsTable()
     """Motion bounds of obstacles."""
     contact_limits: dict[Name, ContactTable] = {}
