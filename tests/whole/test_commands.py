@@ -71,7 +71,6 @@ RUN = {
         "armguard keys new recorder --recordings --dir keys",
         "armguard replay demo.mcap",
         "armguard replay demo.mcap --what-if latency=0.005,operating.velocity=0.3",
-        "armguard replay demo.mcap --csv verdicts.csv",
         "armguard check demo.mcap",
     ],
 }

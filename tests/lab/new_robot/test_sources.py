@@ -40,7 +40,7 @@ def test_what_is_taken_out_of_parameters_needs_no_file_of_its_own(tmp_path):
     assert found.text.strip() == text.strip() == found.path.read_text().strip()
     parameters.write_text(parameters.read_text().replace("package://arm/", "meshes/"))
     with pytest.raises(
-        RobotError, match=r"mesh 'meshes/upper\.stl': is relative to a URDF that is"
+        RobotError, match=r"mesh 'meshes/upper\.stl': is relative, but the URDF is not"
     ):
         find(parameters, tmp_path)
     parameters.write_text("robot_description: <robot")
