@@ -108,7 +108,7 @@ NOT_RUN = {
 }
 """Beginnings of commands, and why they are not run."""
 
-OUTPUTS = {"--out", "--record", "--export", "--csv", "--dir"}
+OUTPUTS = {"--out", "--record", "--export", "--dir"}
 """Options that name what is written."""
 
 READ = re.compile(r"[^=:]+(\.(toml|urdf|csv|mcap|yml|secret|public)|/)")

@@ -116,7 +116,7 @@ def test_the_last_word_of_a_loop_that_is_told_to_end_is_stop(cell):
     cell.process.send_signal(signal.SIGINT)
     assert cell.process.wait(SOON) == 0
     cell.publish_for(0.3)
-    check_last_word(cell.reader.latest(), "told to end")
+    check_last_word(cell.reader.latest(), "asked to end")
 
 
 @pytest.mark.hazard("H-07")
