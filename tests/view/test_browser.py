@@ -931,7 +931,7 @@ def test_a_reset_from_the_page_needs_the_token(browser):
         try:
             with launch(feed.publisher.address) as view:
                 page.goto(view.url)
-                wait_for_text(page, "remedy", "has the token")
+                wait_for_text(page, "remedy", "token is on the command line")
                 wait_for_room(page)
                 page.fill("#token", "guessed")
                 page.click("#reset button")
