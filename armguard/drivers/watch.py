@@ -209,7 +209,11 @@ def _attend(
     told: deque[str],
     is_over: Callable[[], bool],
 ) -> int:
-    """Watch one process until it ends. Returns its exit code, or 0 if it ended as it was told."""
+    """Watch one process until it ends.
+
+    Returns:
+        Its exit code; 0 if this function ended it.
+    """
     while driver.process.poll() is None:
         for word, text in driver.read(_WAIT):
             _take(driver, word, text, report, tell, told)
@@ -232,7 +236,7 @@ def _attend(
         else:
             tell("the driver's process was ended by a signal from elsewhere: another one starts")
     elif code not in (0, WRONG_ARM, LOST):
-        # Nothing else can stop the arm now, also where it was told to end.
+        # No other process can stop the arm now, even if this one was ending.
         how = "while it drove" if driver.is_driving else "while it connected"
         cause = f"the driver's process ended unexpectedly {how}"
         if code == -signal.SIGALRM:

@@ -359,7 +359,7 @@ class Judge:
         Args:
             tick: The tick.
             level: Its level, which is not held from earlier ones.
-            offending: The pair for which the stop decision failed; NOBODY if it did not.
+            offending: The pair for which the stop decision failed; NOBODY if the decision allowed the arm to go on.
         """
         limits, stopping = self._limits, self._stopping
         if limits is None or stopping is None:

@@ -59,7 +59,7 @@ class LimitReasons:
 
         Args:
             tick: The tick.
-            pair: The pair for which the last stop decision failed; NOBODY if unknown.
+            pair: The pair that made the last stop decision a STOP; NOBODY if it is unknown.
             horizon: Time of the STOP, in [s] from the tick.
             begin: Beginning of a detail with figures.
         """

@@ -67,8 +67,8 @@ class StopDecision:
         evaluated: Evaluations so far.
         left: Number of undecided obstacles, for which the budget did not suffice, since this was
             last set to 0.
-        offending: The pair for which the last decision failed; NOBODY if none failed, or if brakes
-            are not stated for the joints' speeds.
+        offending: The pair that made the last decision a STOP; NOBODY if there was none, or if
+            brakes are not stated for the joints' speeds.
         thrown: The joint for which the last decision failed, whatever is near, because its stop may
             throw it back faster than its brakes are stated for; `ALL_COVERED` if there is none.
         limiting: The pair that limits the scale, if it is known.

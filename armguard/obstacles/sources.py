@@ -134,7 +134,7 @@ class SourceState:
     Attributes:
         source: As it was named, or as it introduced itself.
         index: Its number, in order of appearance.
-        is_named: Whether it was named before it spoke.
+        is_named: Whether it was named before its first message.
         heard: Whether it has ever sent a message.
         stamp: Of the last message received, in [s]; -inf before the first.
         newest: Latest of all such stamps, unless that was found to be ahead of the clock, in [s]:

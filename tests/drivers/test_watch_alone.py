@@ -11,6 +11,14 @@ from armguard.exceptions import ArmguardError
 from support.driven_cell import OPTIONS
 
 
+def pretend(monkeypatch, tmp_path, script):
+    """Have a shell script run in place of the driver's process."""
+    process = tmp_path / "process"
+    process.write_text(f"#!/bin/sh\n{script}")
+    process.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(process))
+
+
 def test_what_the_library_prints_is_no_sign_of_life(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/echo")  # prints, and sends nothing by the link
     driver = watching._Driver(OPTIONS)
@@ -41,11 +49,8 @@ def test_an_arm_is_told_to_stop_whatever_ends_the_watching(monkeypatch):
 
 @pytest.mark.hazard("H-20")
 def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypatch, tmp_path):
-    process = tmp_path / "process"
-    process.write_text("#!/bin/sh\ntrap 'kill -SEGV $$' TERM\nwhile :; do sleep 0.01; done\n")
-    process.chmod(0o700)
+    pretend(monkeypatch, tmp_path, "trap 'kill -SEGV $$' TERM\nwhile :; do sleep 0.01; done\n")
     stopped, lines = [], []
-    monkeypatch.setattr(sys, "executable", str(process))
     monkeypatch.setattr(watching, "stop_alone", stopped.append)
     ends = time.monotonic() + 0.3  # the trap is set by then
     watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
@@ -55,9 +60,7 @@ def test_an_arm_whose_driver_crashes_while_it_is_told_to_end_is_stopped(monkeypa
 
 @pytest.mark.hazard("H-24")
 def test_a_driver_that_somebody_else_ends_is_told_and_replaced(monkeypatch, tmp_path):
-    process = tmp_path / "process"
-    process.write_text("#!/bin/sh\ntrap 'exit 4' TERM\nkill $$\n")
-    process.chmod(0o700)
+    pretend(monkeypatch, tmp_path, "trap 'exit 4' TERM\nkill $$\n")
     lines, firsts = [], []
 
     class Driver(watching._Driver):
@@ -65,7 +68,6 @@ def test_a_driver_that_somebody_else_ends_is_told_and_replaced(monkeypatch, tmp_
             super().__init__(options)
             firsts.append(options.is_first)
 
-    monkeypatch.setattr(sys, "executable", str(process))
     monkeypatch.setattr(watching, "RETRY", 0.0)
     monkeypatch.setattr(watching, "_Driver", Driver)
     watching.watch(OPTIONS, lines.append, lambda: len(lines) == 2, 10.0)
@@ -74,11 +76,8 @@ def test_a_driver_that_somebody_else_ends_is_told_and_replaced(monkeypatch, tmp_
 
 
 def test_a_driver_that_is_told_to_end_has_not_been_lost(monkeypatch, tmp_path):
-    process = tmp_path / "process"
-    process.write_text("#!/bin/sh\ntrap 'exit 4' TERM\nwhile :; do sleep 0.01; done\n")
-    process.chmod(0o700)
+    pretend(monkeypatch, tmp_path, "trap 'exit 4' TERM\nwhile :; do sleep 0.01; done\n")
     lines = []
-    monkeypatch.setattr(sys, "executable", str(process))
     ends = time.monotonic() + 0.3  # the trap is set by then
     report = watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
     assert (report.lost, lines) == (0, [])

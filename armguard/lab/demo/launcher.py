@@ -173,7 +173,7 @@ def run_demo(wishes: cli.Demo) -> int:
             resources.callback(page.close)
             if not wishes.no_view:
                 console.print(f"see it in the browser: {page.url}", soft_wrap=True)
-                console.print(f"token to end a latched STOP with, there: {token}", soft_wrap=True)
+                console.print(f"token for a reset in the browser view: {token}", soft_wrap=True)
             if wishes.open:
                 webbrowser.open(page.url)
             tell_premises()
