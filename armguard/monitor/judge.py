@@ -359,7 +359,7 @@ class Judge:
         Args:
             tick: The tick.
             level: Its level, which is not held from earlier ones.
-            offending: The pair for which the stop decision failed; NOBODY if the decision allowed the arm to go on.
+            offending: The pair that made the decision a STOP; NOBODY if there was none.
         """
         limits, stopping = self._limits, self._stopping
         if limits is None or stopping is None:
