@@ -22,9 +22,9 @@ from armguard.verdict import Verdict
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
 
-ROUNDING = 1e-6
-"""By how much the validity of a verdict may exceed that of the cell file before it is reported, in
-[s]."""
+REPORTED_EXCESS = 1e-6
+"""A verdict that claims to be valid for this much longer than the cell file says is reported, in
+[s]. It counts no longer all the same."""
 
 LONGEST_TURN = 2.0
 """How long a turn may take beyond the longest silence, in [s]."""
@@ -114,7 +114,7 @@ class DriveLoop:
         self._latencies.counts.verdicts += 1
         self._verdict = verdict
         claimed, agreed = verdict.valid_until - verdict.stamp, self._options.validity
-        if not (claimed <= agreed + ROUNDING or self._has_doubted):
+        if not (claimed <= agreed + REPORTED_EXCESS or self._has_doubted):
             self._has_doubted = True
             self._link.tell(
                 f"verdicts claim to be valid for {1e3 * claimed:.3g} ms; the cell file has "

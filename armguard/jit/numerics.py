@@ -63,6 +63,14 @@ common: far more than these squares lose. Centres that are this near, in [m], co
 VARIATION_SLACK = 1e-6
 """By how much distances can vary more than is computed, in [m]: far more than rounding costs."""
 
+REPEAT_SLACK = 1e-9
+"""Relative to a lever, and to a ball in [m]: what another machine may compute differently of the
+same arm. A proof whose cover passes by it differs by less than the drawings of any arm."""
+
+STOP_TIME_SLACK = 1e-6
+"""Relative to the stop time of a verdict: how much later a proof may end. It excludes the proof of
+another stop; by how much a stop is in time, the proof itself says."""
+
 ALLOWED = 0
 POSITION_BY_ACCEL = 1
 POSITION_BY_SPEED = 2

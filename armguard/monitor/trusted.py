@@ -8,6 +8,7 @@ import numpy as np
 
 from armguard.bounds.limits import JointLimits
 from armguard.jit.arrays import FloatArray
+from armguard.jit.numerics import REPEAT_SLACK, STOP_TIME_SLACK
 from armguard.messages.proof import (
     BrakeColumns,
     CoverBall,
@@ -120,3 +121,26 @@ class TrustedParts:
         )
         seal(cover)
         return cover
+
+
+def is_same_cover(cover: TrustedCover, own: TrustedCover) -> bool:
+    """Whether a proof's cover is the arm's own, or one with larger levers."""
+    shares = 1.0 + REPEAT_SLACK
+    same = (cover.link, cover.carrier, cover.parents) == (own.link, own.carrier, own.parents)
+    return (
+        same
+        and len(cover.reach) == len(own.reach)
+        and np.allclose(cover.reach, own.reach, rtol=REPEAT_SLACK, atol=REPEAT_SLACK)
+        and len(cover.balls) == len(own.balls)
+        and all(
+            (ball.node, ball.center, ball.radius) == (known.node, known.center, known.radius)
+            and len(ball.lever) == len(known.lever)
+            and all(a * shares >= b for a, b in zip(ball.lever, known.lever, strict=True))
+            for ball, known in zip(cover.balls, own.balls, strict=True)
+        )
+    )
+
+
+def rests_in_time(rest: float, stop_time: float) -> bool:
+    """Whether a proof ends by the stop time of its verdict, both in [s]; not if either is NaN."""
+    return rest <= stop_time * (1.0 + STOP_TIME_SLACK)

@@ -17,8 +17,8 @@ from armguard.bounds.sums import compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import Payload
-from armguard.messages.proof import Proof, TrustedCover
-from armguard.monitor.trusted import TrustedParts
+from armguard.messages.proof import Proof
+from armguard.monitor.trusted import TrustedParts, is_same_cover, rests_in_time
 from armguard.obstacles.regions import RegionLimits, make_no_limits, strictest_limit
 from armguard.recording.events import BodiesChanged, Event, Gap, JointState
 from armguard.recording.reading import Recording
@@ -30,12 +30,6 @@ from armguard.verdict import BRAKE, Level
 
 SETTINGS = "period", "latency", "reaction_time", "margin"
 """Settings that proofs repeat."""
-
-ROUNDING = 1e-9
-"""Allowed difference of levers and reaches computed on another machine, as a share."""
-
-STOP_ROUNDING = 1e-6
-"""By how much the end of a tube may exceed the stop time, as a share."""
 
 
 class Agreement:
@@ -140,10 +134,9 @@ class Agreement:
                 continue
             if motion.told != brakes or verdict.stop not in (None, BRAKE):
                 yield f"its arm brakes after {motion.told} verdict; its own verdict differs"
-            stop_time = verdict.stop_time
-            most = math.inf if stop_time is None else stop_time * (1.0 + STOP_ROUNDING)
-            if not motion.times[-1] <= most:
-                yield f"the arm rests in {motion.times[-1]} s, by the verdict in {stop_time} s"
+            rest, stop_time = motion.times[-1], verdict.stop_time
+            if not rests_in_time(rest, math.inf if stop_time is None else stop_time):
+                yield f"the arm rests in {rest} s, by the verdict in {stop_time} s"
         yield from self._compare_trusted(proof)
 
     def _find_contact_limit(self, obstacle: str) -> float:
@@ -179,23 +172,5 @@ class Agreement:
             yield "its cover belongs to no link of the recorded arm"
             return
         own = self._parts[0].describe_cover(cover.link, links.index(cover.link), nodes)
-        if not _holds(cover, own):
+        if not is_same_cover(cover, own):
             yield "its cover has other spheres, levers or reach than the recorded arm"
-
-
-def _holds(cover: TrustedCover, own: TrustedCover) -> bool:
-    """Whether a cover is the arm's own, or one with larger levers and reach."""
-    shares = 1.0 + ROUNDING
-    same = (cover.link, cover.carrier, cover.parents) == (own.link, own.carrier, own.parents)
-    return (
-        same
-        and len(cover.reach) == len(own.reach)
-        and np.allclose(cover.reach, own.reach, rtol=ROUNDING, atol=ROUNDING)
-        and len(cover.balls) == len(own.balls)
-        and all(
-            (ball.node, ball.center, ball.radius) == (known.node, known.center, known.radius)
-            and len(ball.lever) == len(known.lever)
-            and all(a * shares >= b for a, b in zip(ball.lever, known.lever, strict=True))
-            for ball, known in zip(cover.balls, own.balls, strict=True)
-        )
-    )
