@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from armguard.bounds.arm import ArmMotion
 from armguard.jit.arrays import FloatArray
 from armguard.obstacles.obstacles import Obstacles
-from armguard.obstacles.regions import RegionLimits, make_no_limits
+from armguard.obstacles.regions import RegionLimits
 from armguard.pairs.evaluate import TickState
 from armguard.pairs.exemptions import Exemptions
 from armguard.pairs.ignored import IgnoredPairs
@@ -68,15 +68,12 @@ class WatchedArm:
             in_force=in_force,
             with_velocities=settings.permits_contact,
         )
-        limits = make_no_limits()
-        if settings.contact_limits is not None:
-            limits = RegionLimits(*settings.contact_limits.tabulate())
         self.state = TickState(
             self.kinematics,
             self.motion,
             obstacles,
             margin=settings.margin,
-            contact_limits=limits,
+            contact_limits=RegionLimits(*settings.tabulate_contact_limits()),
         )
         # Compiled now: joints beyond their limits must not wait for it in their tick.
         self.follow_limits(np.zeros(len(robot.joints)))

@@ -19,7 +19,7 @@ from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import Payload
 from armguard.messages.proof import Proof
 from armguard.monitor.trusted import TrustedParts, is_same_cover, rests_in_time
-from armguard.obstacles.regions import RegionLimits, make_no_limits, strictest_limit
+from armguard.obstacles.regions import RegionLimits, strictest_limit
 from armguard.recording.events import BodiesChanged, Event, Gap, JointState
 from armguard.recording.reading import Recording
 from armguard.recording.replay import UNREADABLE, apply_to_table, read_bodies
@@ -61,8 +61,7 @@ class Agreement:
             ) from None
         # Operating limits that were broken give way to the hardware's.
         self._limits[1].suspend()
-        limits = self._settings.contact_limits
-        self._contact = make_no_limits() if limits is None else RegionLimits(*limits.tabulate())
+        self._contact = RegionLimits(*self._settings.tabulate_contact_limits())
         self._parts: list[TrustedParts] = []
         self._state: JointState | None = None
         self._verdict: VerdictMessage | None = None

@@ -10,10 +10,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 import pinocchio
 from msgspec import Meta
 
 from armguard.exceptions import ArmguardError
+from armguard.jit.arrays import FloatArray
 from armguard.robot.operating_limits import LimitsInForce, OperatingLimits
 from armguard.robot.robot import Robot
 from armguard.settings.contact_limits import ContactLimits
@@ -173,6 +175,12 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
     def has_operating(self) -> bool:
         """Whether operating limits are stated."""
         return self.operating is not None
+
+    def tabulate_contact_limits(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """As `ContactLimits.tabulate`; without limits four empty arrays: no contact is permitted."""
+        if self.contact_limits is None:
+            return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
+        return self.contact_limits.tabulate()
 
     def put_in_force(self, robot: Robot) -> LimitsInForce:
         """What a robot's joints keep to while it works, and how they stop under its payload.

@@ -95,7 +95,7 @@ def test_a_jump_is_told_in_numbers(states, q, v, stamp, said):
             assert receive(states, k * 0.001, HOME, STILL, k * 0.001) is None
     reason = receive(states, stamp, q, v, stamp)
     assert reason.subject == robot.joints[5]
-    if "course" not in said:
+    if "motion" not in said:
         assert reason.detail.startswith(said)
         rate = robot.acceleration_limit[5] if "velocity" in said else robot.velocity_limit[5]
         error = robot.velocity_error[5] if "velocity" in said else robot.position_error[5]
