@@ -177,7 +177,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True):
         return self.operating is not None
 
     def tabulate_contact_limits(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """As `ContactLimits.tabulate`; without limits four empty arrays: no contact is permitted."""
+        """As `ContactLimits.tabulate`; four empty arrays: no contact is permitted."""
         if self.contact_limits is None:
             return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
         return self.contact_limits.tabulate()
