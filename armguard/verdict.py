@@ -451,6 +451,9 @@ class Verdict(NamedTuple):
     configuration: str | None = None
     """Digest of the monitor's configuration, in verdicts that `armguard run` publishes; None in
     others."""
+    run: str = ""
+    """Random text that each start of `armguard run` makes anew: another one means that the monitor
+    was restarted, and its latched STOPs were lost. Empty in verdicts that nobody published."""
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"

@@ -54,7 +54,8 @@ class MotionConduct:
         """Offset of the arm from the followed motion, in [rad]."""
         self._approached_at = 0.0
         self._seen: CommandMessage | None = None
-        self._sequence = 0
+        self._run: str | None = None
+        """Of the newest command; None: there was none."""
         self._goal: int | None = None
         """The newest one."""
         self._quiet_since = math.inf
@@ -115,11 +116,12 @@ class MotionConduct:
         """
         counts = self._session.latencies.counts
         counts.commands += 1
-        if command.sequence < self._sequence:
+        # Without the name of its run, each command can be that of another shield.
+        if self._run is not None and (command.run != self._run or not command.run):
             self._complain("the shield was restarted: send it a goal")
             self._drop(moment)
             self._quiet_since = math.inf
-        self._sequence = command.sequence
+        self._run = command.run
         self._note_goal(command, moment)
         if sorted(command.names) != sorted(self._names):
             self._complain(f"a command is for other joints: {', '.join(command.names)}")

@@ -38,8 +38,6 @@ class Obedience:
         self.restarts = 0
         self._validity = validity
         self._measurement = measurement
-        self._sequence = 0.0
-        """Of the newest verdict; inf: its monitor has ended, so the next one is another."""
         self._verdict: Verdict | None = None
         self._came_at = -math.inf
 
@@ -62,13 +60,10 @@ class Obedience:
         if verdict is None:
             return Order(0.0, "no verdict yet")
         if verdict is not self._verdict:
+            if self._verdict is not None:
+                # Without the name of its run, each verdict can be that of another monitor.
+                self.restarts += verdict.run != self._verdict.run or not verdict.run
             self._verdict, self._came_at = verdict, now
-        if verdict.sequence:
-            self.restarts += verdict.sequence < self._sequence
-            self._sequence = verdict.sequence
-        elif self._sequence:
-            # The last word of a monitor, or the first of one that waits for joint states.
-            self._sequence = math.inf
         begins = verdict.stamp, self._came_at
         ends = verdict.valid_until, *(begin + self._validity for begin in begins)
         if not all(now <= end for end in ends):

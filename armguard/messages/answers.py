@@ -97,6 +97,8 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """bound on the speed of contacts before rest, [m/s]; only with contact limits"""
     configuration: str | None
     """digest that `armguard run` prints"""
+    run: str = ""
+    """random text, another one after each start of the monitor"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -231,7 +233,12 @@ def to_plan_message(number: int, verdict: PlanVerdict) -> PlanVerdictMessage:
 
 
 def encode_verdict(
-    verdict: Verdict, offset: float, *, configuration: str | None = None, as_json: bool = False
+    verdict: Verdict,
+    offset: float,
+    *,
+    configuration: str | None = None,
+    run: str = "",
+    as_json: bool = False,
 ) -> bytes:
     """A verdict as a msgpack map, or as a JSON object.
 
@@ -239,10 +246,11 @@ def encode_verdict(
         verdict: In the monitor's own time.
         offset: Machine's monotonic clock minus the monitor's, in [s].
         configuration: Digest of what the monitor was made with; None: it is not told.
+        run: Text that each start of the monitor makes anew; empty: it is not told.
         as_json: Whether it is JSON.
     """
     message = to_verdict_message(verdict)
-    message.configuration = configuration
+    message.configuration, message.run = configuration, run
     message.stamp = verdict.stamp + offset
     # Never too long.
     message.valid_until = math.nextafter(verdict.valid_until + offset, -math.inf)
@@ -254,15 +262,18 @@ def encode_verdict(
     return _encode(message, as_json)
 
 
-def encode_command(command: CommandMessage, offset: float, *, as_json: bool = False) -> bytes:
+def encode_command(
+    command: CommandMessage, offset: float, *, run: str = "", as_json: bool = False
+) -> bytes:
     """A command as a msgpack map, or as a JSON object.
 
     Args:
         command: In the monitor's own time; not changed.
         offset: Machine's monotonic clock minus the monitor's, in [s].
+        run: As for `encode_verdict`.
         as_json: Whether it is JSON.
     """
-    moved = move_clock(command, offset)
+    moved = move_clock(command, offset, run)
     return _encode(unpack(moved) if as_json else moved, as_json)
 
 

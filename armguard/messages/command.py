@@ -73,6 +73,8 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
     """number of the newest refused goal"""
     problem: str
     """why it was refused, or empty"""
+    run: str = ""
+    """random text, another one after each start of the monitor"""
 
     def read(self) -> Samples:
         """The samples of the motion.
@@ -132,18 +134,20 @@ def pack(values: NDArray[np.float64]) -> bytes:
     return np.ascontiguousarray(values, PACKED).tobytes()
 
 
-def move_clock(message: CommandMessage, offset: float) -> CommandMessage:
-    """The same on another clock; never to be taken up or followed for too long.
+def move_clock(message: CommandMessage, offset: float, run: str) -> CommandMessage:
+    """The same on another clock, as sent; never to be taken up or followed for too long.
 
     Args:
         message: In the monitor's own time.
         offset: Machine's monotonic clock minus the monitor's, in [s].
+        run: Text that each start of the monitor makes anew.
     """
     return msgspec.structs.replace(
         message,
         stamp=message.stamp + offset,
         take_up_by=math.nextafter(message.take_up_by + offset, -math.inf),
         valid_until=math.nextafter(message.valid_until + offset, -math.inf),
+        run=run,
     )
 
 

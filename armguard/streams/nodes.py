@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import secrets
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -577,6 +578,7 @@ class VerdictPublisher:
         check_free(address)
         self._offset = offset
         self._configuration = configuration
+        self._run = secrets.token_hex(8)
         self._as_json = as_json
         self._authenticator = authenticator
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
@@ -600,13 +602,18 @@ class VerdictPublisher:
         if self._authenticator is not None:
             self._authenticator.answer()
         data = encode_verdict(
-            verdict, self._offset, configuration=self._configuration, as_json=self._as_json
+            verdict,
+            self._offset,
+            configuration=self._configuration,
+            run=self._run,
+            as_json=self._as_json,
         )
         self._socket.send(data, _NOBLOCK)
 
     def command(self, command: CommandMessage) -> None:
         """Send one command, in the monitor's own time; never blocks."""
-        self._socket.send(encode_command(command, self._offset, as_json=self._as_json), _NOBLOCK)
+        data = encode_command(command, self._offset, run=self._run, as_json=self._as_json)
+        self._socket.send(data, _NOBLOCK)
 
     def answer(self, number: int, verdict: PlanVerdict | ResetVerdict) -> None:
         """Send the answer to a plan or a reset, by its number; never blocks."""

@@ -277,7 +277,7 @@ def test_after_trouble_it_waits_for_another_goal(made, kind):
 @pytest.mark.hazard("H-24")
 @pytest.mark.parametrize("fault", ["beginning", "hindrance", "restart"])
 def test_a_stream_of_goals_moves_nothing_after_a_fault_before_it_pauses(made, fault):
-    sequence = 1000
+    run = "first"
     if fault != "beginning":
         made.begin(goal=2)
         made.act(command(made.now + 0.002, 3, goal=3), hindrance="protective stop")
@@ -285,15 +285,15 @@ def test_a_stream_of_goals_moves_nothing_after_a_fault_before_it_pauses(made, fa
         made.arm.q = list(HOME)
         if fault == "restart":
             made.wait()
-            sequence = 1
+            run = "second"
     before, _ = len(made.arm.followed), made.read()
     for k in range(300):
-        made.act(command(made.now + 0.01, sequence + k, goal=4 + k), after=0.01)
+        made.act(command(made.now + 0.01, 4 + k, goal=4 + k, run=run), after=0.01)
     assert len(made.arm.followed) == before
     assert made.read().count("pause their stream") == 1
     made.wait()
-    made.act(command(made.now + 0.002, 2000, goal=999))
-    made.act(command(made.now + 0.002, 2001, goal=1000, begun=made.now))
+    made.act(command(made.now + 0.002, 2000, goal=999, run=run))
+    made.act(command(made.now + 0.002, 2001, goal=1000, begun=made.now, run=run))
     assert len(made.arm.followed) == before + 2, "from then on a stream is followed"
 
 
@@ -325,15 +325,15 @@ def test_a_goal_that_comes_during_a_fault_moves_nothing_after_it(made):
 @pytest.mark.hazard("H-24")
 def test_a_shield_that_was_started_anew_needs_another_goal(made):
     made.begin(goal=2)
-    made.act(command(made.now + 0.002, 1, goal=7))
+    made.act(command(made.now + 0.002, 3000, goal=7, run="second"))
     assert made.arm.orders.count("brake") == 1
     assert "restarted" in made.read()
     made.arm.q = list(HOME)
     before = len(made.arm.followed)
-    made.act(command(made.now + 0.002, 2, goal=7))
+    made.act(command(made.now + 0.002, 3001, goal=7, run="second"))
     assert len(made.arm.followed) == before
     made.wait()
-    made.act(command(made.now + 0.002, 3, goal=8))
+    made.act(command(made.now + 0.002, 3002, goal=8, run="second"))
     assert len(made.arm.followed) == before + 1
 
 

@@ -62,27 +62,23 @@ def test_silence_and_stop_are_told_apart(level):
 
 
 @pytest.mark.hazard("H-24")
-def test_a_monitor_that_counts_from_the_beginning_is_another_one():
+@pytest.mark.parametrize("sequence", [0, 1, 8, 5000])
+def test_a_verdict_of_another_run_tells_a_restart_whatever_was_missed(sequence):
     obedience = Obedience(AGREED)
-    for sequence in (5, 6, 6, 9, 200):
-        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
+    for number in (0, 0, 6, 6, 7, 0):
+        obedience.decide(verdict(Level.CLEAR, sequence=number, run="old"), 0.0)
     assert obedience.restarts == 0
-    for sequence in (0, 1, 2, 3):
-        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
+    for number in (sequence, sequence + 1):
+        obedience.decide(verdict(Level.CLEAR, sequence=number, run="new"), 0.0)
     assert obedience.restarts == 1
 
 
 @pytest.mark.hazard("H-24")
-@pytest.mark.parametrize("first", [1, 7, 8])
-def test_after_the_last_word_of_a_monitor_comes_another_one(first):
+def test_a_verdict_that_names_no_run_may_be_of_any_monitor():
     obedience = Obedience(AGREED)
-    goodbye = [verdict(Level.STOP, sequence=0)] * 2
-    obedience.decide(goodbye[0], 0.0)
-    for sequence in (1, 7):
-        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
-    for one in goodbye:
+    one = verdict(Level.CLEAR, run="")
+    for _ in range(3):
         obedience.decide(one, 0.0)
-    assert obedience.restarts == 0, "the program still runs, or has just been paused"
-    for sequence in (first, first + 1):
-        obedience.decide(verdict(Level.CLEAR, sequence=sequence), 0.0)
+    assert obedience.restarts == 0
+    obedience.decide(verdict(Level.CLEAR, sequence=2, run=""), 0.0)
     assert obedience.restarts == 1

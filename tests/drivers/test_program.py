@@ -201,7 +201,7 @@ def test_a_program_stays_paused_when_the_monitor_was_restarted(made, says_goodby
     streams.is_silent = True
     turn(3.0)
     assert arm.orders == ["pause"]
-    streams.level, streams.validity, streams.sequence = Level.CLEAR, 1.0, 0
+    streams.level, streams.validity, streams.run = Level.CLEAR, 1.0, "second"
     streams.is_silent = False
     turn(2.0 * RESUME_DELAY)
     assert arm.orders == ["pause"]

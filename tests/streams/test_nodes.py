@@ -244,6 +244,24 @@ def test_a_reader_keeps_the_newest_command(address, as_json):
     publisher.close()
 
 
+def test_verdicts_and_commands_of_one_start_name_one_run_and_those_of_the_next_another(tmp_path):
+    runs = []
+    for name in ("first", "second"):
+        address = f"ipc://{tmp_path}/{name}"
+        publisher = VerdictPublisher(address, 0.0)
+        with VerdictReader(address) as reader:
+            ends = time.monotonic() + 10.0
+            while reader.command is None or reader.latest() is None:
+                assert time.monotonic() < ends
+                publisher.publish(make_verdict(1))
+                publisher.command(COMMAND)
+                reader.latest(0.01)
+            assert reader.command.run == reader.latest().run
+            runs.append(reader.latest().run)
+        publisher.close()
+    assert len({"", *runs}) == 3
+
+
 def test_a_plan_arrives_in_the_order_of_the_watched_joints(address):
     stamp, plans = time.monotonic(), []
     times, q, v = [0.0, 0.5, 1.0], np.arange(6.0).reshape(3, 2), np.ones((3, 2))

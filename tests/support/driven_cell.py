@@ -83,6 +83,7 @@ class StandIn:
         self.make_command = None
         """Makes the command of a tick from its time and number; None: there is no shield."""
         self._sequence = 0
+        self._is_replaced = False
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
@@ -95,8 +96,8 @@ class StandIn:
         self._thread.join()
 
     def start_anew(self):
-        """What another monitor in its place would do."""
-        self._sequence = 0
+        """Let another monitor take its place."""
+        self._is_replaced = True
 
     def tell(self, level, scale=1.0):
         """From now on this level."""
@@ -111,6 +112,10 @@ class StandIn:
         while not self._ending.is_set():
             while socket.poll(0):
                 self.states.append((time.monotonic(), decode(socket.recv())))
+            if self._is_replaced:
+                publisher.close()
+                publisher = VerdictPublisher(self.verdicts, 0.0)
+                self._is_replaced = False
             if not self.is_silent:
                 self._sequence += 1
                 now = time.monotonic()

@@ -64,7 +64,7 @@ class FakeStreams:
 
     def __init__(self):
         self.level, self.validity, self.sequence, self.published = Level.CLEAR, 1.0, 0, []
-        self.scale = 1.0
+        self.scale, self.run = 1.0, "first"
         self.command = self.newest = None
         self.is_silent = False
 
@@ -85,6 +85,7 @@ class FakeStreams:
             sequence=self.sequence,
             speed_scale=self.scale,
             valid_until=now + self.validity,
+            run=self.run,
         )
         return self.newest
 

@@ -67,5 +67,6 @@ def command(stamp, sequence=1, goal=2, begun=None, names=NAMES, home=HOME, size=
         "goal": goal,
         "refused": None,
         "problem": "",
+        "run": "first",
     }
     return CommandMessage(**(fields | changes))

@@ -17,5 +17,6 @@ def verdict(level, contact_time=1.0, **changes):
         "evaluated": 1,
         "reasons": (),
         "valid_until": 0.0,
+        "run": "first",
     }
     return Verdict(**(fields | changes))
