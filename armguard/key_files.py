@@ -34,6 +34,9 @@ def write_key_files(name: str, folder: str | Path, secret: str, public: str) -> 
     secret_path, public_path = folder / f"{name}{SECRET_SUFFIX}", folder / f"{name}{PUBLIC_SUFFIX}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise KeyFileError(str(folder), f"cannot be made ({error.strerror})") from None
+    try:
         if public_path.exists():
             raise FileExistsError
         # Others are kept out from the first moment on, and a file that is there is left alone.

@@ -46,3 +46,9 @@ def test_what_is_no_key_file_is_told(tmp_path):
     ):
         with pytest.raises(KeyFileError, match=words):
             read_key_file(path, "a file")
+
+
+def test_a_file_in_place_of_the_folder_is_told_of(tmp_path):
+    (tmp_path / "keys").write_text("a file")
+    with pytest.raises(KeyFileError, match=r"keys: cannot be made \(File exists\)"):
+        write_key_files("cell", tmp_path / "keys", "hidden", "shown")

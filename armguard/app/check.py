@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,18 +50,19 @@ def check(wishes: cli.Check) -> int:
 def _check_proofs(recording: Recording) -> dict[str, Any]:
     """Results of `python -m armguard_check`, which reads the recorded proofs unchanged.
 
-    Also checks whether they agree with the recorded verdicts, settings and arm.
+    Also checks whether they agree with what was recorded beside them.
     """
     agreement = Agreement(recording)
     first: dict[str, Any] | None = None
-    # The one that stands beside this package, wherever the process starts.
+    # The one beside this package; -P: nothing that lies in the working directory.
     beside = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    with subprocess.Popen(
-        [sys.executable, "-m", "armguard_check"],
+    checker = subprocess.Popen(
+        [sys.executable, "-P", "-m", "armguard_check"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=beside,
-    ) as checker:
+    )
+    with checker, _ending(checker):
         assert checker.stdin is not None, "it is a pipe"
         assert checker.stdout is not None, "it is a pipe"
         try:
@@ -83,11 +86,21 @@ def _check_proofs(recording: Recording) -> dict[str, Any]:
     return found | {"agreeing": agreement.agreeing, "first_disagreeing": first}
 
 
+@contextlib.contextmanager
+def _ending(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """Ends a process at an error, so that it does not report on half of its input."""
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
+
+
 def _describe(found: dict[str, Any]) -> list[str]:
     """Results, for people."""
     lines = [
         f"{found['proofs']} proofs, {found['verified']} verified",
-        f"{found['agreeing']} agree with the verdicts, settings and arm that were recorded",
+        f"{found['agreeing']} agree with the recorded verdicts, obstacles, settings and arm",
         f"{found['contact_free']} prove that no contact is possible before a time",
         f"{found['rests_in_time']} prove that the arm is at rest or slow enough before contact "
         f"after a STOP",

@@ -44,7 +44,7 @@ class DriverProcess:
     def __init__(
         self, cell: Path, arm: str, tell: Callable[[str], None], *, is_attended: bool = False
     ) -> None:
-        self._words = [sys.executable, "-m", "armguard", "drive", str(cell)]
+        self._words = [sys.executable, "-P", "-m", "armguard", "drive", str(cell)]
         self._words += ["--arm", arm] if arm else []
         self._words += ["--parent", str(os.getpid())]
         self._words += [] if is_attended else ["--again"]

@@ -73,6 +73,7 @@ class _Driver:
             self.process = subprocess.Popen(
                 [
                     sys.executable,
+                    "-P",
                     "-m",
                     "armguard.drivers",
                     msgspec.json.encode(described).decode(),

@@ -18,6 +18,7 @@ from armguard.messages.proof import ObstacleState, Proof, ProvedMotion, Separati
 from armguard.monitor.trusted import TrustedParts
 from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.regions import strictest_limit
+from armguard.obstacles.table import States
 from armguard.pairs.arm import WatchedArm
 from armguard.pairs.evaluate import evaluate
 from armguard.pairs.separations import (
@@ -139,22 +140,7 @@ class Prover:
             max_speed=float(limit.max_speed),
             arm=self._trusted.describe_arm(),
             cover=self._trusted.describe_cover(names[0], link, spheres),
-            states=[
-                ObstacleState(
-                    # One that never moves is as old as the tick.
-                    stamp=tick.now if age == 0.0 else float(states.stamp[place]),
-                    points=states.points[place, : states.point_count[place]].ravel().tolist(),
-                    velocities=states.velocities[place, : states.point_count[place]]
-                    .ravel()
-                    .tolist(),
-                    radius=float(states.radius[place]),
-                    position_error=float(states.position_error[place]),
-                    velocity_error=float(states.velocity_error[place]),
-                    accel=float(states.accel[place]),
-                    speed=float(states.speed[place]),
-                )
-                for states, place, age in bodies
-            ],
+            states=[describe_state(states, place, age, tick.now) for states, place, age in bodies],
             motions=motions,
         )
 
@@ -238,3 +224,26 @@ class Prover:
             slowest=slowest,
             separations=separations,
         )
+
+
+def describe_state(states: States, place: int, age: float, now: float) -> ObstacleState:
+    """A state of an obstacle, as proofs have it.
+
+    Args:
+        states: The arrays that have it.
+        place: Its place in them.
+        age: At `now`, in [s].
+        now: Time of the tick, in [s].
+    """
+    count = states.point_count[place]
+    return ObstacleState(
+        # One that never moves is as old as the tick.
+        stamp=now if age == 0.0 else float(states.stamp[place]),
+        points=states.points[place, :count].ravel().tolist(),
+        velocities=states.velocities[place, :count].ravel().tolist(),
+        radius=float(states.radius[place]),
+        position_error=float(states.position_error[place]),
+        velocity_error=float(states.velocity_error[place]),
+        accel=float(states.accel[place]),
+        speed=float(states.speed[place]),
+    )

@@ -1,4 +1,4 @@
-"""Checks that proofs of a recording agree with its verdicts, settings and arm.
+"""Checks that proofs of a recording agree with its verdicts, obstacles, settings and arm.
 
 A valid proof may be about another tick, another pair or an arm with other limits. This module finds
 that with armguard's own code; `armguard_check` checks whether a proof holds.
@@ -17,8 +17,11 @@ from armguard.bounds.sums import compute_sphere_levers
 from armguard.exceptions import ArmguardError
 from armguard.messages.answers import VerdictMessage
 from armguard.messages.events import Payload
-from armguard.messages.proof import Proof
+from armguard.messages.proof import ObstacleState, Proof
+from armguard.messages.reasons import read_reasons
+from armguard.monitor.proof import describe_state
 from armguard.monitor.trusted import TrustedParts, is_same_cover, rests_in_time
+from armguard.obstacles.possible_states import list_states
 from armguard.obstacles.regions import RegionLimits, strictest_limit
 from armguard.recording.events import BodiesChanged, Event, Gap, JointState
 from armguard.recording.reading import Recording
@@ -26,10 +29,14 @@ from armguard.recording.replay import UNREADABLE, apply_to_table, read_bodies
 from armguard.recording.settings import make_obstacles, make_settings
 from armguard.robot.kinematics import Kinematics
 from armguard.robot.portable import RestoredRobot
-from armguard.verdict import BRAKE, Level
+from armguard.verdict import BRAKE, Level, ReasonKind
 
 SETTINGS = "period", "latency", "reaction_time", "margin"
 """Settings that proofs repeat."""
+
+EQUAL = "stamp", "points", "velocities"
+NOT_SMALLER = "radius", "position_error", "velocity_error", "accel", "speed"
+"""What the state of an obstacle in a proof has in common with the recorded one, or more of."""
 
 
 class Agreement:
@@ -54,7 +61,7 @@ class Agreement:
             self._robot = RestoredRobot(recording.robot)
             self._obstacles = make_obstacles(recording.settings["obstacles"])
             self._limits = [self._settings.put_in_force(self._robot) for _ in range(2)]
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except UNREADABLE as error:
             raise ArmguardError(
                 self._path,
                 f"has settings that cannot be read ({type(error).__name__}: {error})",
@@ -63,6 +70,8 @@ class Agreement:
         self._limits[1].suspend()
         self._contact = RegionLimits(*self._settings.tabulate_contact_limits())
         self._parts: list[TrustedParts] = []
+        self._broken_at = -math.inf
+        """Time of the last tick in which operating limits were broken, in [s]."""
         self._state: JointState | None = None
         self._verdict: VerdictMessage | None = None
 
@@ -87,6 +96,9 @@ class Agreement:
             self._state, self._verdict = event, None
         elif isinstance(event, VerdictMessage):
             self._verdict = event
+            kinds = {reason.kind for reason in read_reasons(event.reasons)}
+            if self._state is not None and ReasonKind.OPERATING_LIMITS_BROKEN in kinds:
+                self._broken_at = self._state.now
         elif isinstance(event, Gap):
             self._state = self._verdict = None
         elif isinstance(event, Payload):
@@ -136,7 +148,9 @@ class Agreement:
             rest, stop_time = motion.times[-1], verdict.stop_time
             if not rests_in_time(rest, math.inf if stop_time is None else stop_time):
                 yield f"the arm rests in {rest} s, by the verdict in {stop_time} s"
-        yield from self._compare_trusted(proof)
+        if not self._has_recorded_state(proof):
+            yield "its obstacle has no state as recorded, with its errors and bounds"
+        yield from self._compare_trusted(proof, state.now)
 
     def _find_contact_limit(self, obstacle: str) -> float:
         """How fast a surface may be that touches an obstacle, in [m/s]; 0 where it is unknown.
@@ -153,7 +167,24 @@ class Agreement:
             default=0.0,
         )
 
-    def _compare_trusted(self, proof: Proof) -> Iterator[str]:
+    def _has_recorded_state(self, proof: Proof) -> bool:
+        """Whether a state of the proof is as wide as an obstacle's newest state.
+
+        The newest are the accepted state, and samples that were refused later. Which refused ones
+        the proof must have as well, and how far they were widened, is not compared.
+        """
+        table = self._obstacles.table
+        for row, name in enumerate(self._obstacles.ids):
+            if name != proof.obstacle or not table.alive[row]:
+                continue
+            known = list_states(table.accepted, table.refused_states, table.marks, row, proof.now)
+            recorded = [describe_state(*one, proof.now) for one in known]
+            newest = [one for one in recorded if one.stamp >= recorded[0].stamp]
+            if any(_is_as_wide(state, one) for state in proof.states for one in newest):
+                return True
+        return False
+
+    def _compare_trusted(self, proof: Proof, now: float) -> Iterator[str]:
         if not self._parts:
             robot, place = self._robot, self._settings.base_placement
             kinematics, reach = Kinematics(robot, place), ReachMotion(robot, place)
@@ -162,7 +193,10 @@ class Agreement:
                 TrustedParts(kinematics, read_limits(robot, limits), levers, reach.link_balls)
                 for limits in self._limits
             ]
-        if proof.arm not in [parts.describe_arm() for parts in self._parts]:
+        # With the hardware's limits, a proof claims more.
+        is_broken = now - self._broken_at < self._settings.rise_delay
+        admitted = self._parts[1:] if is_broken else self._parts
+        if proof.arm not in [parts.describe_arm() for parts in admitted]:
             yield "its arm has other joints, limits, errors or brakes than the recorded one"
         links = self._robot.links
         cover = proof.cover
@@ -173,3 +207,10 @@ class Agreement:
         own = self._parts[0].describe_cover(cover.link, links.index(cover.link), nodes)
         if not is_same_cover(cover, own):
             yield "its cover has other spheres, levers or reach than the recorded arm"
+
+
+def _is_as_wide(state: ObstacleState, recorded: ObstacleState) -> bool:
+    """Whether a state is where a recorded one is, with errors and bounds that are no smaller."""
+    return all(getattr(state, key) == getattr(recorded, key) for key in EQUAL) and all(
+        getattr(state, key) >= getattr(recorded, key) for key in NOT_SMALLER
+    )

@@ -7,6 +7,7 @@ last whole one, so it needs no index.
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -160,8 +161,22 @@ class Recording:
             part += 1
             path = find_part(self.path, 1, part)
             if not path.is_file():
+                self._check_nothing_follows(part)
                 self.is_cut_off = True
                 return
+
+    def _check_nothing_follows(self, part: int) -> None:
+        """Raise ArmguardError if a part is missing, and a later one is there."""
+        name = re.escape(self.path.stem) + r"\.([1-9]\d*)" + re.escape(self.path.suffix)
+        files = [re.fullmatch(name, file.name) for file in self.path.parent.iterdir()]
+        later = sorted(int(file[1]) for file in files if file is not None and int(file[1]) > part)
+        if later:
+            raise ArmguardError(
+                str(find_part(self.path, 1, part)),
+                f"is missing, but part {later[0]} is there",
+                expected="all parts of the run",
+                remedy="`armguard replay --verify` checks the parts that are left",
+            )
 
     def _read_records(self, path: Path) -> Iterator[Any]:
         """Metadata, attachments, and what is in chunks, as the package mcap has them."""

@@ -159,6 +159,7 @@ class Recorder:
             self._process = subprocess.Popen(
                 [
                     sys.executable,
+                    "-P",
                     "-m",
                     "armguard.recording",
                     *map(str, (memory, file, os.getpid())),

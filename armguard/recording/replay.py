@@ -66,8 +66,8 @@ from armguard.verdict import PlanVerdict, Verdict
 UNEXPLAINED = "unknown: version, sources, robot, cover, processor and compiler are the same"
 
 
-UNREADABLE = MessageError, ValueError, KeyError, TypeError, IndexError
-"""Errors that a damaged message raises when it is read."""
+UNREADABLE = MessageError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError
+"""Errors that a damaged message, or damaged settings, raise when they are read."""
 
 
 class ReplayedTick(NamedTuple):
@@ -151,7 +151,7 @@ class Replay:
             change_settings(settings, self._changes, self.robot)
             self.obstacles: Obstacles = make_obstacles(settings["obstacles"])
             self.monitor: Monitor = make_monitor(settings["monitor"], self.robot, self.obstacles)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except UNREADABLE as error:
             raise ArmguardError(
                 str(recording.path),
                 f"has settings that cannot be read ({type(error).__name__}: {error})",

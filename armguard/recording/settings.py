@@ -161,7 +161,10 @@ def _read_number(name: str, text: str) -> float:
 def _read(declaration: Declaration, data: Any) -> Any:
     """The value of a setting from plain data."""
     if isinstance(data, Mapping):
-        return next(READERS[kind](data) for kind in declaration.kinds if kind in READERS)
+        for kind in declaration.kinds:
+            if kind in READERS:
+                return READERS[kind](data)
+        raise TypeError(f"{declaration.name} is a table")
     return float(data) if data == "Infinity" else data
 
 

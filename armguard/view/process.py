@@ -121,7 +121,7 @@ def launch(
     options.load_keys()
     Access(host)
     listen(port, host).close()
-    command = [sys.executable, "-m", "armguard.view", msgspec.json.encode(options).decode()]
+    command = [sys.executable, "-P", "-m", "armguard.view", msgspec.json.encode(options).decode()]
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

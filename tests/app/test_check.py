@@ -1,6 +1,9 @@
 import copy
 import itertools
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -32,6 +35,12 @@ def record(path, *, ticks=400, **options):
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     return record(tmp_path_factory.mktemp("proved") / "run.mcap")
+
+
+def run(words, **options):
+    return subprocess.run(
+        [*map(str, words)], capture_output=True, text=True, check=False, **options
+    )
 
 
 def read_proofs(path):
@@ -112,6 +121,28 @@ def test_mistakes_at_the_command_line(tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
     nothing.write_bytes(b"text")
     assert main(["check", str(nothing)]) == 2
+
+
+def test_a_damaged_recording_is_one_line(recording, tmp_path):
+    damaged, data = tmp_path / "damaged.mcap", bytearray(recording.read_bytes())
+    data[-len(data) // 3] ^= 1
+    damaged.write_bytes(data)
+    found = run([sys.executable, "-m", "armguard", "check", damaged])
+    assert (found.returncode, found.stdout) == (2, "")
+    assert len(found.stderr.splitlines()) == 1
+    assert "is damaged" in found.stderr
+
+
+def test_nothing_of_the_working_directory_takes_the_place_of_the_checker(recording, tmp_path):
+    """Who checks in a folder that they were sent runs nothing that lies there."""
+    forged = tmp_path / "armguard_check"
+    forged.mkdir()
+    for path in (forged / "__init__.py", forged / "__main__.py", tmp_path / "hashlib.py"):
+        path.write_text("raise SystemExit('forged')")
+    main_program = str(Path(sys.executable).with_name("armguard"))
+    found = run([main_program, "check", recording], cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert "forged" not in found.stdout + found.stderr
 
 
 def test_a_checker_that_ends_early_is_no_verification(recording, monkeypatch, capsys):

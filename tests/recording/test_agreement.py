@@ -16,6 +16,7 @@ from armguard.messages.proof import Proof, seal
 from armguard.recording.agreement import Agreement
 from armguard.recording.events import BodiesChanged, Gap, JointState
 from armguard.recording.reading import Recording
+from armguard.recording.replay import Replay
 from armguard.robot import Robot
 from armguard.verdict import Level
 from armguard_check import verify
@@ -79,6 +80,17 @@ def test_it_follows_payload_bodies_and_broken_limits(tmp_path):
     assert {""} == set(compare(recording))
     digests = {event.arm.digest for event in events if isinstance(event, Proof)}
     assert len(digests) == 3  # as it begins, without payload, and with the hardware's limits
+    # Limits that are broken are not those of a proof, even where they make it claim less.
+    exchanged = copy.deepcopy(events)
+    proofs = [event for event in exchanged if isinstance(event, Proof)]
+    slow = [one.arm for one in proofs if one.arm.operating_velocity[0] < 0.01]
+    wide = [one for one in proofs if one.arm.operating_velocity[0] > 0.01]
+    assert slow
+    assert len(wide) > 1
+    for proof in wide:
+        proof.arm = slow[-1]
+    said = compare(recording, exchanged)
+    assert len([one for one in said if "other joints, limits" in one]) == len(wide)
     for kind in (Payload, BodiesChanged):
         left = [event for event in events if not isinstance(event, kind)]
         assert any("recorded" in one for one in compare(recording, left))
@@ -137,6 +149,14 @@ CONTRADICTIONS = {
     "reach": (change(["cover", "reach", 3], lambda x: 0.9 * x), "other spheres"),
     "tree": (change(["cover", "parents"], lambda x: x[:-1]), "other spheres"),
     "node": (change(["cover", "balls", 0, "node"], lambda x: 999), "to no link"),
+    "obstacle far away": (change(["states", 0, "points", 0], lambda x: x + 50.0), "no state as"),
+    "obstacle at rest": (change(["states", 0, "velocities", 0], lambda x: x + 1.0), "no state as"),
+    "obstacle of later": (change(["states", 0, "stamp"], lambda x: x + 1e-3), "no state as"),
+    "thin obstacle": (change(["states", 0, "radius"], lambda x: 0.9 * x), "no state as"),
+    "slow obstacle": (change(["states", 0, "speed"], lambda x: 0.9 * x), "no state as"),
+    "lazy obstacle": (change(["states", 0, "accel"], lambda x: 0.9 * x), "no state as"),
+    "obstacle of no error": (change(["states", 0, "position_error"], lambda x: -1.0), "no state"),
+    "obstacle of no states": (change(["states"], lambda x: []), "no state as"),
     "cover": (change(["cover", "link"], lambda x: "panda_link99"), "to no link"),
     "configuration": (
         lambda proof, verdict: setattr(verdict, "configuration", "0" * 16),
@@ -256,8 +276,33 @@ def test_a_contradiction_can_hold_by_itself(recording):
     assert verify(json.loads(proof.to_json()))
 
 
-def test_settings_that_cannot_be_read_are_told_of(recording):
+def test_states_of_a_glitch_agree(tmp_path):
+    """Samples that are refused for a while, and one that is believed again."""
+
+    def jump(monitor):
+        now = monitor.obstacles.table.stamp[0] + 0.5 * PERIOD
+        monitor.obstacles.update(["ball"], now, [[2.5, 1.0, 0.5]], source="camera", radius=0.1)
+
+    changes = dict.fromkeys((20, 21, 22, 50, 51, 70), jump)
+    recording = record(tmp_path / "run.mcap", ranged_panda(), changes)
+    proofs = [one.event for one in recording.events() if isinstance(one.event, Proof)]
+    assert max(len(proof.states) for proof in proofs) > 1
+    assert set(compare(recording)) == {""}
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda settings: settings.clear(),
+        lambda settings: settings["monitor"].update(rate={}),
+        lambda settings: settings["obstacles"].update(bounds=[[]]),
+    ],
+)
+def test_settings_that_cannot_be_read_are_told_of(recording, spoil):
     spoiled = copy.copy(recording)
-    spoiled.settings = {}
+    spoiled.settings = copy.deepcopy(recording.settings)
+    spoil(spoiled.settings)
+    with pytest.raises(ArmguardError, match="settings that cannot be read"):
+        Replay(spoiled)
     with pytest.raises(ArmguardError, match="settings that cannot be read"):
         Agreement(spoiled)

@@ -6,6 +6,7 @@ import pytest
 from armguard.exceptions import ArmguardError
 from armguard.recording import Recording
 from armguard.recording.events import FORMAT
+from armguard.recording.parts import Rotation
 from support.recordings_made import record
 
 
@@ -21,6 +22,22 @@ def count(path):
     recording = Recording(path)
     number = sum(1 for _ in recording.events())
     return number, recording.is_cut_off
+
+
+def test_a_part_that_is_missing_between_others_is_no_killed_writer(path, tmp_path):
+    first = tmp_path / "run.mcap"
+    record(first, ticks=900, recorder_options={"rotation": Rotation(size=4_000)})
+    parts = [first, *(tmp_path / f"run.{part}.mcap" for part in range(2, 4))]
+    assert all(part.is_file() for part in parts)
+    whole, _ = count(first)
+    parts[1].unlink()
+    with pytest.raises(ArmguardError, match=r"run.2.mcap: is missing, but part 3 is there"):
+        count(first)
+    for file in tmp_path.glob("run.*.mcap"):
+        file.unlink()
+    left, is_cut_off = count(first)
+    assert is_cut_off
+    assert left < whole
 
 
 def try_to_count(path):

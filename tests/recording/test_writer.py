@@ -308,7 +308,7 @@ def test_what_a_kill_leaves_at_random_moments_verifies(start, tmp_path, monkeypa
             assert ring.write(pack_record(*entry))
         arguments = *map(str, (memory, descriptor, os.getpid())), msgspec.json.encode(options)
         process = forked_writers.Popen(
-            ["python", "-m", "armguard.recording", *arguments],
+            ["python", "-P", "-m", "armguard.recording", *arguments],
             stdin=forked_writers.DEVNULL,
             pass_fds=(memory, descriptor),
             start_new_session=True,

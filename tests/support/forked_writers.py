@@ -27,7 +27,7 @@ class Popen:
     """Instead of the process that `python -m armguard.recording` is."""
 
     def __init__(self, command, *, stdin, pass_fds, start_new_session):
-        assert command[1:3] == ["-m", "armguard.recording"]
+        assert command[1:4] == ["-P", "-m", "armguard.recording"]
         assert stdin == DEVNULL
         assert start_new_session
         self.returncode = None
@@ -42,7 +42,7 @@ class Popen:
                 leave_open(pass_fds)
                 # What is captured by pytest is closed now.
                 sys.stdout = sys.stderr = open(2, "w", buffering=1)  # noqa: SIM115
-                code = main(command[3:])
+                code = main(command[4:])
             except BaseException:
                 traceback.print_exc()
             finally:
