@@ -25,6 +25,9 @@ def test_each_hazard_has_a_test_and_each_mark_a_hazard(script):
     hazards, marks = script["read_hazards"](), script["read_marks"]()
     assert set(hazards) - set(marks) == set(), "hazards without a test"
     assert set(marks) - set(hazards) == set(), "marks without a hazard"
+    for number, hazard in hazards.items():
+        names = [mark.split(": ")[1] for mark in marks[number]]
+        assert hazard["test"] in names, f"{number}: its test is not marked with it"
 
 
 def test_each_mark_is_one_that_is_read(script):
@@ -50,7 +53,8 @@ def test_hazards_are_numbered_and_complete(script):
     for number, hazard in hazards.items():
         assert tuple(hazard) == script["FIELDS"], number
         assert all("|" not in text and "\n" not in text for text in hazard.values()), number
-        assert all(hazard[name].endswith(".") for name in script["FIELDS"][1:]), number
+        told = [name for name in script["FIELDS"][1:] if name != "test"]
+        assert all(hazard[name].endswith(".") for name in told), number
 
 
 def test_each_text_is_in_the_references_in_its_edition(script):
