@@ -91,11 +91,11 @@ def test_a_pause_of_a_camera_is_named_where_it_alone_stops_the_arm(schedule):
     assert all(one.held is None or one.held.reason.kind is ReasonKind.LATE_DATA for one in stops)
 
 
-@pytest.mark.parametrize("rate", [20, 30, 50, 100, 125, 200])
+@pytest.mark.parametrize("rate", [20, 50, 125, 200])
 def test_a_regular_source_is_never_late_and_a_pause_of_it_is_named(rate):
     source = Source("camera", timeout=1.0)
     for latency in (0.0, 0.001, 0.3 / rate, 1.7 / rate):
-        for phase in (0.0, 0.13, 0.5, 0.93):
+        for phase in (0.0, 0.5, 0.93):
             verdicts = approach(source, rate, latency, phase)
             assert min(one.level for one in verdicts) is Level.STOP
             assert not any(tell(one) for one in verdicts)

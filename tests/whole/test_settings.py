@@ -1,6 +1,7 @@
 """A setting is written once, in `armguard.Settings`: all else reads its declaration."""
 
 import ast
+import functools
 import os
 import subprocess
 import sys
@@ -104,20 +105,24 @@ SCENES = ("scene.settings", "table.settings")
 """Records that are called so, and are other ones."""
 
 
-def uses(path, name):
-    """Whether a module reads a setting of a record."""
-    return any(
-        isinstance(node, ast.Attribute)
-        and node.attr == name
-        and ast.unparse(node.value).endswith("settings")
-        and not ast.unparse(node.value).endswith(SCENES)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    )
+@functools.cache
+def find_uses():
+    """The settings of a record that each module reads."""
+    return {
+        str(path.relative_to(PACKAGE)): {
+            node.attr
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.Attribute)
+            and ast.unparse(node.value).endswith("settings")
+            and not ast.unparse(node.value).endswith(SCENES)
+        }
+        for path in sorted(PACKAGE.rglob("*.py"))
+    }
 
 
 @pytest.mark.parametrize("name", Settings.__struct_fields__)
 def test_few_modules_beside_the_record_know_a_setting(name):
-    found = [path.name for path in sorted(PACKAGE.rglob("*.py")) if uses(path, name)]
+    found = [module for module, names in find_uses().items() if name in names]
     assert len(found) <= 4, found
 
 
