@@ -192,6 +192,7 @@ def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive
         domain=domain,
         joint_states=table.joint_states,
         speed_override=table.speed_override,
+        acknowledge=table.acknowledge if table.holds_after_restart else "",
         trajectory=table.trajectory or "",
         obstacles={
             source: ObstacleTopic(

@@ -37,6 +37,8 @@ class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
     """Topic of the joint states."""
     speed_override: str
     """Topic to send the speed to."""
+    acknowledge: str
+    """Topic by which the arm may move again after a restart; empty: a restart does not hold it."""
     trajectory: str
     """Topic to send trajectories to; empty: there is none."""
     obstacles: dict[str, ObstacleTopic]

@@ -206,6 +206,17 @@ def test_the_domain_is_that_of_the_file_or_of_the_environment(tmp_path, monkeypa
     assert make_options(Drive(cell)).ros2.domain == 3
 
 
+def test_a_restart_holds_an_arm_of_a_graph_unless_the_file_says_otherwise(tmp_path):
+    cell = tmp_path / "cell.toml"
+    for more, topic in (
+        ("", "/armguard/acknowledge"),
+        ('acknowledge = "/go"', "/go"),
+        ("holds_after_restart = false", ""),
+    ):
+        cell.write_text(CELL.format(driver=ROS2 + more))
+        assert make_options(Drive(cell)).ros2.acknowledge == topic
+
+
 def test_the_cells_of_the_demos_say_all_that_a_driver_needs():
     demos = Path(__file__).parents[2] / "demos"
     options = make_options(Drive(demos / "ros2.toml"))
