@@ -11,13 +11,17 @@ import math
 import os
 import signal
 import time
+from typing import TypeVar
 
 from armguard.drivers.arm import Arm, ArmLostError, ArmState
 from armguard.drivers.link import DRIVING
 from armguard.drivers.moment import Conduct, Moment
 from armguard.drivers.session import Session
+from armguard.messages.command import CommandMessage
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import Verdict
+
+_Heard = TypeVar("_Heard", Verdict, CommandMessage)
 
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
@@ -62,6 +66,7 @@ class DriveLoop:
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
+        self._other_arm: str | None = None
         self._is_silent = self._has_doubted = False
 
     def run(self) -> None:
@@ -84,8 +89,10 @@ class DriveLoop:
         # library may wait without end, and what watches may have ended as well.
         signal.setitimer(signal.ITIMER_REAL, LONGEST_TURN + self._options.longest_silence)
         state = self._arm.read()
-        verdict = self._reader.latest(WAIT if state is None else 0.0)
+        heard = self._reader.latest(WAIT if state is None else 0.0)
+        verdict, command = self._keep_own(heard), self._keep_own(self._reader.command)
         now = time.monotonic()
+        self._note_other_arm(heard if verdict is None else None)
         if verdict is not None and verdict is not self._verdict:
             self._take_verdict(verdict)
         if state is not None:
@@ -102,12 +109,25 @@ class DriveLoop:
                 )
             hindrance = self._trouble or ("the robot is silent" if is_silent else "")
             self._conduct.act(
-                Moment(
-                    now, verdict, self._reader.command, self._state, state is not None, hindrance
-                )
+                Moment(now, verdict, command, self._state, state is not None, hindrance)
             )
         if now >= self._next_beat:
             self._report(now)
+
+    def _keep_own(self, heard: _Heard | None) -> _Heard | None:
+        """What the monitor of this arm has said; None for what is said to another arm."""
+        return heard if heard is not None and heard.arm == self._options.arm else None
+
+    def _note_other_arm(self, verdict: Verdict | None) -> None:
+        """Report verdicts for another arm once; None: there are none now."""
+        other = None if verdict is None else verdict.arm
+        if other is not None and other != self._other_arm:
+            self._link.tell(
+                f"verdicts at {self._options.verdicts} are for arm {other!r}, expected "
+                f"{self._options.arm!r}, and count as none: state the address of its own monitor "
+                "by --verdicts"
+            )
+        self._other_arm = other
 
     def _take_verdict(self, verdict: Verdict) -> None:
         """Count a verdict, and report one that claims to be valid for too long."""

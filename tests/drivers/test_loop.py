@@ -16,6 +16,7 @@ from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm, FakeStreams
+from support.shield_commands import command
 
 
 class Witness:
@@ -80,6 +81,20 @@ def test_verdicts_that_claim_more_than_is_agreed_are_told_once(made, validity, i
     for _ in range(5):
         loop.turn()
     assert read().count("the cell file has 2e+03 ms") == is_told
+
+
+@pytest.mark.hazard("H-24")
+def test_what_is_said_to_another_arm_counts_as_nothing_and_is_told_once(made):
+    _, streams, witness, loop, read = made
+    for arm in ("", "left", "left", ""):
+        streams.arm = arm
+        streams.command = command(time.monotonic(), arm=arm)
+        loop.turn()
+        heard = witness.moments[-1]
+        own = (streams.newest, streams.command) if arm == "" else (None, None)
+        assert (heard.verdict, heard.command) == own
+    told = "verdicts at ipc:///verdicts are for arm 'left', expected '', and count as none"
+    assert read().count(told) == 1
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])

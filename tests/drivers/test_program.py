@@ -27,7 +27,7 @@ def made(monkeypatch):
     monkeypatch.setattr(driving.signal, "setitimer", lambda *_: None)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
-    latencies = Latencies(clock.now)
+    latencies, streams.arm = Latencies(clock.now), "left"
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
