@@ -11,6 +11,7 @@ import math
 import os
 import signal
 import time
+from collections.abc import Sequence
 from typing import TypeVar
 
 from armguard.drivers.arm import Arm, ArmLostError, ArmState
@@ -44,7 +45,7 @@ class DriveLoop:
         arm: Connected.
         conduct: Gives orders to the arm.
         session: That it is part of.
-        publisher: Takes its states.
+        publishers: Take its states, each to a monitor.
         reader: Has verdicts and commands.
     """
 
@@ -53,12 +54,12 @@ class DriveLoop:
         arm: Arm,
         conduct: Conduct,
         session: Session,
-        publisher: Publisher,
+        publishers: Sequence[Publisher],
         reader: VerdictReader,
     ) -> None:
         self._arm = arm
         self._conduct = conduct
-        self._publisher = publisher
+        self._publishers = publishers
         self._reader = reader
         self._options, self._latencies, self._link, self._measurement = session
         self._state: ArmState | None = None
@@ -145,9 +146,8 @@ class DriveLoop:
         """Publish a state, and report problems of the robot."""
         if not all(map(math.isfinite, [*state.q, *state.v, state.stamp])):
             raise ArmLostError("the robot has sent a joint state that is not finite")
-        self._publisher.joints(
-            state.stamp, self._options.names, state.q, state.v, self._options.arm
-        )
+        for publisher in self._publishers:
+            publisher.joints(state.stamp, self._options.names, state.q, state.v, self._options.arm)
         self._latencies.add_state(state.stamp, time.monotonic())
         self._state, self._read_at = state, now
         if self._measurement is not None:

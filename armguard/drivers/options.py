@@ -98,8 +98,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """How long a verdict of the cell's monitor is valid [s]."""
     payload: float
     """Greatest payload that the monitor assumes, in [kg]."""
-    joints: str
-    """Address to publish joint states to."""
+    joints: tuple[str, ...]
+    """Addresses to publish joint states to: each of a monitor."""
     verdicts: str
     """Address of verdicts."""
     arm: str = ""

@@ -6,6 +6,7 @@ from armguard.app.cli import Drive, main
 from armguard.app.drive import make_options
 from armguard.drivers.ur import JOINTS
 from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import JOINTS_ADDRESS
 
 CELL = """
 sources = {{}}
@@ -110,6 +111,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     assert options.validity == pytest.approx(0.003)
     assert options.is_first
     assert not make_options(Drive(cell, again=True)).is_first
+    assert options.joints == (JOINTS_ADDRESS,)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     [
         (["--duration", "0"], "--duration"),
         (["--measure", "--stops", "0"], "--stops"),
-        (["--joints", "tcp://0.0.0.0:5702"], "tcp://0.0.0.0:5702"),
+        (["--joints", "ipc:///joints", "--joints", "tcp://0.0.0.0:5702"], "tcp://0.0.0.0:5702"),
         (["--verdicts", "nonsense"], "nonsense"),
         (["--key", "x.secret"], "--server-key"),
     ],

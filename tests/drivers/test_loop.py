@@ -35,7 +35,7 @@ def made(monkeypatch):
     reading, writing = os.pipe()
     arm, streams, witness, link = FakeArm(), FakeStreams(), Witness(), Link(writing)
     session = Session(OPTIONS, Latencies(time.monotonic()), link)
-    loop = DriveLoop(arm, witness, session, streams, streams)
+    loop = DriveLoop(arm, witness, session, [streams], streams)
     yield arm, streams, witness, loop, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
     os.close(writing)
@@ -111,7 +111,7 @@ def test_it_ends_with_the_process_that_started_it(made):
     reading, writing = os.pipe()
     orphan = msgspec.structs.replace(OPTIONS, parent=1)
     session = Session(orphan, Latencies(time.monotonic()), Link(writing))
-    loop = DriveLoop(arm, witness, session, streams, streams)
+    loop = DriveLoop(arm, witness, session, [streams], streams)
     with pytest.raises(KeyboardInterrupt):
         loop.run()
     os.close(reading)

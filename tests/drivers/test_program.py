@@ -32,7 +32,7 @@ def made(monkeypatch):
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
     session = Session(options, latencies, link)
-    loop = DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams)
+    loop = DriveLoop(arm, ProgramConduct(arm, session), session, [streams], streams)
 
     def turn(seconds):
         end = clock.now + seconds

@@ -165,7 +165,7 @@ class Ros2Table(_Table, kw_only=True, tag_field="name", tag="ros2"):
     speed_override: Name = "/armguard/speed_override"
     """Topic for the allowed speed."""
     holds_after_restart: bool = True
-    """Whether a restart of monitor or driver holds speed 0."""
+    """Hold at speed 0 after restarts."""
     acknowledge: Name = "/armguard/acknowledge"
     """Topic that ends this hold."""
     trajectory: Name | None = None
