@@ -454,6 +454,9 @@ class Verdict(NamedTuple):
     run: str = ""
     """Random text that each start of `armguard run` makes anew: another one means that the monitor
     was restarted, and its latched STOPs were lost. Empty in verdicts that nobody published."""
+    arm: str = ""
+    """Name of the arm, in verdicts that `armguard run` publishes for one of several arms: no other
+    arm may obey them. Otherwise empty."""
 
     def __str__(self) -> str:
         pair = f"{self.link} and {self.obstacle}" if self.link else "no pair"

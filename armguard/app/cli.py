@@ -209,8 +209,10 @@ class Drive:
     """The cell file that `armguard run` uses."""
     arm: str | None = None
     """The arm to drive, in a cell with several arms."""
-    joints: str = JOINTS_ADDRESS
-    """Address at which the monitor reads joint states."""
+    joints: Annotated[
+        tuple[str, ...], tyro.conf.UseAppendAction, _default(f"{JOINTS_ADDRESS}; repeatable")
+    ] = ()
+    """Address at which a monitor reads joint states: that of every monitor in the cell."""
     obstacles: str = OBSTACLES_ADDRESS
     """Address at which the monitor reads obstacles, for drivers that also send obstacles."""
     verdicts: str = VERDICTS_ADDRESS

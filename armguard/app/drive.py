@@ -25,7 +25,7 @@ from armguard.robot.description import is_known
 from armguard.robot.operating_limits import LimitsInForce
 from armguard.robot.robot import Robot
 from armguard.settings.settings import Settings
-from armguard.streams.addresses import check_address
+from armguard.streams.addresses import JOINTS_ADDRESS, check_address
 from armguard.streams.keys import Keys
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
     key_files = read_key_files(wishes.key, wishes.server_key)
     if key_files is not None:
         Keys.load(*key_files)
-    for address in (wishes.joints, wishes.verdicts, wishes.obstacles):
+    joints = wishes.joints or (JOINTS_ADDRESS,)
+    for address in (*joints, wishes.verdicts, wishes.obstacles):
         check_address(address, has_keys=key_files is not None)
     follows = cell.tables.shield is not None
     if follows and wishes.measure:
@@ -99,7 +100,7 @@ def make_options(wishes: cli.Drive) -> DriveOptions:
         deceleration=table.deceleration,
         validity=Settings(**cell.monitor_settings(robot)).response_time,
         payload=robot.brakes.most_payload if payload is UNSET else payload,
-        joints=wishes.joints,
+        joints=joints,
         verdicts=wishes.verdicts,
         arm=cell.arm,
         follows=follows,
@@ -192,6 +193,7 @@ def _describe_ros2(table: Ros2Table, robot: Robot, cell: Cell, wishes: cli.Drive
         domain=domain,
         joint_states=table.joint_states,
         speed_override=table.speed_override,
+        acknowledge=table.acknowledge if table.holds_after_restart else "",
         trajectory=table.trajectory or "",
         obstacles={
             source: ObstacleTopic(

@@ -470,6 +470,7 @@ def run(
             authenticator,
             as_json=options.json_verdicts,
             configuration=configuration,
+            arm=cell.arm,
         )
         resources.callback(publisher.close)
         if listening is not None:

@@ -382,6 +382,7 @@ def describe_verdict(
         "obstacle": verdict.obstacle or "",
         "complete": str(verdict.complete).lower(),
         "reasons": "; ".join(str(reason) for reason in verdict.reasons),
+        "run": verdict.run,
     }
     if verdict.contact_speed is not None:
         values["contact_speed"] = f"{verdict.contact_speed:.6g}"

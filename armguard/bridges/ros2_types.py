@@ -12,6 +12,7 @@ _TEXT = """
 builtin_interfaces/msg/Time: int32 sec, uint32 nanosec
 builtin_interfaces/msg/Duration: int32 sec, uint32 nanosec
 std_msgs/msg/Header: builtin_interfaces/Time stamp, string frame_id
+std_msgs/msg/Bool: bool data
 std_msgs/msg/Float64: float64 data
 std_msgs/msg/ColorRGBA: float32 r, float32 g, float32 b, float32 a
 

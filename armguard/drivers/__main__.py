@@ -6,6 +6,7 @@ starts another one.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import signal
@@ -87,10 +88,11 @@ def drive(options: DriveOptions, link: Link) -> int:
     keys = options.load_keys()
     latencies = Latencies(time.monotonic())
     measurement = Measurement(options.measure) if options.measure else None
-    with (
-        Publisher(options.joints, keys=keys) as publisher,
-        VerdictReader(options.verdicts, keys) as reader,
-    ):
+    with contextlib.ExitStack() as resources:
+        publishers = [
+            resources.enter_context(Publisher(address, keys=keys)) for address in options.joints
+        ]
+        reader = resources.enter_context(VerdictReader(options.verdicts, keys))
         # The library may wait without end, and lets no other thread of Python run meanwhile. Each
         # read of the robot sets this timer anew.
         signal.alarm(CONNECT_TIMEOUT)
@@ -98,7 +100,7 @@ def drive(options: DriveOptions, link: Link) -> int:
         arm, conduct = connect(session)
         _KEPT.append(arm)
         link.tell(f"{options.model} at {options.host}: connected")
-        loop = DriveLoop(arm, conduct, session, publisher, reader)
+        loop = DriveLoop(arm, conduct, session, publishers, reader)
         code = 0
         try:
             loop.run()

@@ -112,6 +112,11 @@ class ProgramArm(Arm, Protocol):
 class OverrideArm(Arm, Protocol):
     """A robot that multiplies its speed by the number that it receives, or by 0 without one."""
 
+    acknowledgement: str
+    """What lets it move again after a restart, in words; empty: a restart does not hold it."""
+    is_acknowledged: bool
+    """Whether it came between the last two calls of `read`."""
+
     def set_speed(self, scale: float) -> None:
         """Move at this fraction of the speed, from 0 to 1."""
         ...

@@ -11,13 +11,18 @@ import math
 import os
 import signal
 import time
+from collections.abc import Sequence
+from typing import TypeVar
 
 from armguard.drivers.arm import Arm, ArmLostError, ArmState
 from armguard.drivers.link import DRIVING
 from armguard.drivers.moment import Conduct, Moment
 from armguard.drivers.session import Session
+from armguard.messages.command import CommandMessage
 from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import Verdict
+
+_Heard = TypeVar("_Heard", Verdict, CommandMessage)
 
 WAIT = 0.001
 """How long the loop waits for a verdict, in [s]: by so much later it notices that one expired."""
@@ -40,7 +45,7 @@ class DriveLoop:
         arm: Connected.
         conduct: Gives orders to the arm.
         session: That it is part of.
-        publisher: Takes its states.
+        publishers: Take its states, each to a monitor.
         reader: Has verdicts and commands.
     """
 
@@ -49,12 +54,12 @@ class DriveLoop:
         arm: Arm,
         conduct: Conduct,
         session: Session,
-        publisher: Publisher,
+        publishers: Sequence[Publisher],
         reader: VerdictReader,
     ) -> None:
         self._arm = arm
         self._conduct = conduct
-        self._publisher = publisher
+        self._publishers = publishers
         self._reader = reader
         self._options, self._latencies, self._link, self._measurement = session
         self._state: ArmState | None = None
@@ -62,6 +67,7 @@ class DriveLoop:
         self._read_at = time.monotonic()
         self._next_beat = -math.inf
         self._trouble = ""
+        self._other_arm: str | None = None
         self._is_silent = self._has_doubted = False
 
     def run(self) -> None:
@@ -84,8 +90,10 @@ class DriveLoop:
         # library may wait without end, and what watches may have ended as well.
         signal.setitimer(signal.ITIMER_REAL, LONGEST_TURN + self._options.longest_silence)
         state = self._arm.read()
-        verdict = self._reader.latest(WAIT if state is None else 0.0)
+        heard = self._reader.latest(WAIT if state is None else 0.0)
+        verdict, command = self._keep_own(heard), self._keep_own(self._reader.command)
         now = time.monotonic()
+        self._note_other_arm(heard if verdict is None else None)
         if verdict is not None and verdict is not self._verdict:
             self._take_verdict(verdict)
         if state is not None:
@@ -102,12 +110,25 @@ class DriveLoop:
                 )
             hindrance = self._trouble or ("the robot is silent" if is_silent else "")
             self._conduct.act(
-                Moment(
-                    now, verdict, self._reader.command, self._state, state is not None, hindrance
-                )
+                Moment(now, verdict, command, self._state, state is not None, hindrance)
             )
         if now >= self._next_beat:
             self._report(now)
+
+    def _keep_own(self, heard: _Heard | None) -> _Heard | None:
+        """What the monitor of this arm has said; None for what is said to another arm."""
+        return heard if heard is not None and heard.arm == self._options.arm else None
+
+    def _note_other_arm(self, verdict: Verdict | None) -> None:
+        """Report verdicts for another arm once; None: there are none now."""
+        other = None if verdict is None else verdict.arm
+        if other is not None and other != self._other_arm:
+            self._link.tell(
+                f"verdicts at {self._options.verdicts} are for arm {other!r}, expected "
+                f"{self._options.arm!r}, and count as none: state the address of its own monitor "
+                "by --verdicts"
+            )
+        self._other_arm = other
 
     def _take_verdict(self, verdict: Verdict) -> None:
         """Count a verdict, and report one that claims to be valid for too long."""
@@ -125,9 +146,8 @@ class DriveLoop:
         """Publish a state, and report problems of the robot."""
         if not all(map(math.isfinite, [*state.q, *state.v, state.stamp])):
             raise ArmLostError("the robot has sent a joint state that is not finite")
-        self._publisher.joints(
-            state.stamp, self._options.names, state.q, state.v, self._options.arm
-        )
+        for publisher in self._publishers:
+            publisher.joints(state.stamp, self._options.names, state.q, state.v, self._options.arm)
         self._latencies.add_state(state.stamp, time.monotonic())
         self._state, self._read_at = state, now
         if self._measurement is not None:

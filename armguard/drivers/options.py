@@ -37,6 +37,8 @@ class Ros2Options(msgspec.Struct, frozen=True, kw_only=True):
     """Topic of the joint states."""
     speed_override: str
     """Topic to send the speed to."""
+    acknowledge: str
+    """Topic by which the arm may move again after a restart; empty: a restart does not hold it."""
     trajectory: str
     """Topic to send trajectories to; empty: there is none."""
     obstacles: dict[str, ObstacleTopic]
@@ -96,8 +98,8 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
     """How long a verdict of the cell's monitor is valid [s]."""
     payload: float
     """Greatest payload that the monitor assumes, in [kg]."""
-    joints: str
-    """Address to publish joint states to."""
+    joints: tuple[str, ...]
+    """Addresses to publish joint states to: each of a monitor."""
     verdicts: str
     """Address of verdicts."""
     arm: str = ""

@@ -32,6 +32,11 @@ class OverrideConduct:
         self._arm = arm
         self._session = session
         self._obedience = Obedience(session.options.validity, session.measurement)
+        self._restarts = 0
+        self._hold = ""
+        """Why no verdict lets the arm move before an acknowledgement; empty: there was none."""
+        if not session.options.is_first:
+            self._begin_hold("driver")
         self._order = Order(0.0)
         self._sent = 0
         """Number of the verdict by which the speed was sent last."""
@@ -42,7 +47,7 @@ class OverrideConduct:
     def act(self, moment: Moment) -> None:
         """Send the speed; brake by another means if the arm does not obey."""
         now, verdict = moment.now, moment.verdict
-        order = self._obedience.decide(verdict, now, moment.hindrance)
+        order = self._obey_hold(self._obedience.decide(verdict, now, moment.hindrance))
         number = 0 if verdict is None else verdict.sequence
         if order.scale != self._order.scale or number != self._sent or now >= self._next_repeat:
             self._arm.set_speed(order.scale)
@@ -58,6 +63,27 @@ class OverrideConduct:
         self._arm.report(verdict if says_why else None, order.cause)
         if moment.is_new:
             self._check(moment)
+
+    def _begin_hold(self, restarted: str) -> None:
+        hold = (
+            f"hold: the {restarted} was restarted; {self._arm.acknowledgement} to let the arm go on"
+        )
+        if self._arm.acknowledgement and hold != self._hold:
+            self._hold = hold
+            self._session.link.tell(hold)
+
+    def _obey_hold(self, order: Order) -> Order:
+        """The order, or a stop from a restart until somebody acknowledges it.
+
+        An acknowledgement counts only while verdicts permit motion, so that its effect is at once.
+        """
+        if self._obedience.restarts != self._restarts:
+            self._restarts = self._obedience.restarts
+            self._begin_hold("monitor")
+        elif self._hold and order.scale > 0.0 and self._arm.is_acknowledged:
+            self._hold = ""
+            self._session.link.tell("acknowledged: the arm may go on")
+        return Order(0.0, self._hold) if self._hold and order.scale > 0.0 else order
 
     def _check(self, moment: Moment) -> None:
         """Check that the arm has stopped in time."""

@@ -35,6 +35,7 @@ from armguard.verdict import Level, Verdict
 Array = NDArray[np.float64]
 
 TRANSFORMS, TRAJECTORY = "tf2_msgs/msg/TFMessage", "trajectory_msgs/msg/JointTrajectory"
+ACKNOWLEDGE = "std_msgs/msg/Bool"
 
 DEPTH = 32
 """Messages of a topic that wait, at most."""
@@ -90,6 +91,7 @@ class Ros2Arm:
     """
 
     comes_back = True
+    is_acknowledged = False
 
     def __init__(self, options: DriveOptions, tell: Callable[[str], None]) -> None:
         assert options.ros2 is not None
@@ -119,6 +121,11 @@ class Ros2Arm:
         self._speed: Outlet | None = None
         if not options.follows:
             self._speed = graph.publish(ros2.speed_override, SPEED)
+        self.acknowledgement = ""
+        self._acknowledged: Inlet | None = None
+        if ros2.acknowledge and not options.follows:
+            self.acknowledgement = f"publish true to {ros2.acknowledge}"
+            self._acknowledged = graph.subscribe(ros2.acknowledge, ACKNOWLEDGE, DEPTH)
         self._trajectory: Outlet | None = None
         if ros2.trajectory:
             self._trajectory = graph.publish(ros2.trajectory, TRAJECTORY)
@@ -138,6 +145,9 @@ class Ros2Arm:
         for message in self._states.take():
             found = self._read_joints(message) or found
         self._note_unreadable("joint states", self._states)
+        if self._acknowledged is not None:
+            self.is_acknowledged = True in [one.data for one in self._acknowledged.take()]
+            self._note_unreadable("acknowledgements", self._acknowledged)
         if found is not None:
             self._state = found
         elif self._state is None and time.monotonic() >= self._next_beat:

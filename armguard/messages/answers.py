@@ -99,6 +99,8 @@ class VerdictMessage(msgspec.Struct, tag_field="type", tag="verdict"):
     """digest that `armguard run` prints"""
     run: str = ""
     """random text, another one after each start of the monitor"""
+    arm: str = ""
+    """name of the arm"""
 
 
 class PlanVerdictMessage(msgspec.Struct, tag_field="type", tag="plan_verdict"):
@@ -238,6 +240,7 @@ def encode_verdict(
     *,
     configuration: str | None = None,
     run: str = "",
+    arm: str = "",
     as_json: bool = False,
 ) -> bytes:
     """A verdict as a msgpack map, or as a JSON object.
@@ -247,10 +250,11 @@ def encode_verdict(
         offset: Machine's monotonic clock minus the monitor's, in [s].
         configuration: Digest of what the monitor was made with; None: it is not told.
         run: Text that each start of the monitor makes anew; empty: it is not told.
+        arm: Name of the arm; empty in a cell with one.
         as_json: Whether it is JSON.
     """
     message = to_verdict_message(verdict)
-    message.configuration, message.run = configuration, run
+    message.configuration, message.run, message.arm = configuration, run, arm
     message.stamp = verdict.stamp + offset
     # Never too long.
     message.valid_until = math.nextafter(verdict.valid_until + offset, -math.inf)
@@ -263,7 +267,7 @@ def encode_verdict(
 
 
 def encode_command(
-    command: CommandMessage, offset: float, *, run: str = "", as_json: bool = False
+    command: CommandMessage, offset: float, *, run: str = "", arm: str = "", as_json: bool = False
 ) -> bytes:
     """A command as a msgpack map, or as a JSON object.
 
@@ -271,9 +275,10 @@ def encode_command(
         command: In the monitor's own time; not changed.
         offset: Machine's monotonic clock minus the monitor's, in [s].
         run: As for `encode_verdict`.
+        arm: As for `encode_verdict`.
         as_json: Whether it is JSON.
     """
-    moved = move_clock(command, offset, run)
+    moved = move_clock(command, offset, run, arm)
     return _encode(unpack(moved) if as_json else moved, as_json)
 
 

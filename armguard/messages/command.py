@@ -75,6 +75,8 @@ class CommandMessage(msgspec.Struct, tag_field="type", tag="command", kw_only=Tr
     """why it was refused, or empty"""
     run: str = ""
     """random text, another one after each start of the monitor"""
+    arm: str = ""
+    """name of the arm"""
 
     def read(self) -> Samples:
         """The samples of the motion.
@@ -134,13 +136,14 @@ def pack(values: NDArray[np.float64]) -> bytes:
     return np.ascontiguousarray(values, PACKED).tobytes()
 
 
-def move_clock(message: CommandMessage, offset: float, run: str) -> CommandMessage:
+def move_clock(message: CommandMessage, offset: float, run: str, arm: str) -> CommandMessage:
     """The same on another clock, as sent; never to be taken up or followed for too long.
 
     Args:
         message: In the monitor's own time.
         offset: Machine's monotonic clock minus the monitor's, in [s].
         run: Text that each start of the monitor makes anew.
+        arm: Name of the arm; empty in a cell with one.
     """
     return msgspec.structs.replace(
         message,
@@ -148,6 +151,7 @@ def move_clock(message: CommandMessage, offset: float, run: str) -> CommandMessa
         take_up_by=math.nextafter(message.take_up_by + offset, -math.inf),
         valid_until=math.nextafter(message.valid_until + offset, -math.inf),
         run=run,
+        arm=arm,
     )
 
 

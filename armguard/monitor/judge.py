@@ -335,7 +335,8 @@ class Judge:
                 cause,
                 contact.harm_time,
                 contact.speed,
-                None,  # configuration and run are told by who publishes
+                None,  # configuration, run and arm are told by who publishes
+                "",
                 "",
             ),
         )

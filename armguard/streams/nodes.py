@@ -560,6 +560,7 @@ class VerdictPublisher:
         authenticator: Authenticates readers; None: no keys.
         as_json: Whether verdicts and answers are JSON objects, not msgpack maps.
         configuration: Digest of the monitor's configuration, for each verdict; None: none is sent.
+        arm: Name of the monitor's arm, for each verdict and command; empty in a cell with one.
 
     Raises:
         StreamError: The address cannot be used.
@@ -573,12 +574,14 @@ class VerdictPublisher:
         *,
         as_json: bool = False,
         configuration: str | None = None,
+        arm: str = "",
     ) -> None:
         check_address(address, has_keys=authenticator is not None)
         check_free(address)
         self._offset = offset
         self._configuration = configuration
         self._run = secrets.token_hex(8)
+        self._arm = arm
         self._as_json = as_json
         self._authenticator = authenticator
         context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
@@ -606,13 +609,16 @@ class VerdictPublisher:
             self._offset,
             configuration=self._configuration,
             run=self._run,
+            arm=self._arm,
             as_json=self._as_json,
         )
         self._socket.send(data, _NOBLOCK)
 
     def command(self, command: CommandMessage) -> None:
         """Send one command, in the monitor's own time; never blocks."""
-        data = encode_command(command, self._offset, run=self._run, as_json=self._as_json)
+        data = encode_command(
+            command, self._offset, run=self._run, arm=self._arm, as_json=self._as_json
+        )
         self._socket.send(data, _NOBLOCK)
 
     def answer(self, number: int, verdict: PlanVerdict | ResetVerdict) -> None:

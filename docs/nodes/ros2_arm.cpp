@@ -2,7 +2,7 @@
 //   g++ -std=c++17 ros2_arm.cpp -lfastrtps -lfastcdr -o ros2_arm && ./ros2_arm DOMAIN
 // It swings its first joint at the speed of /armguard/speed_override, and stands without one. From
 // the first trajectory on it follows these alone, as cubics. /people shows a ball. It reads lines
-// (`ball X Y Z`, `mute`, `unmute`, `garbage`), and prints what it hears and where it is, with [s] of
+// (`ball X Y Z`, `acknowledge`, `mute`, `unmute`, `garbage`), and prints what it hears and where it is, with [s] of
 // the monotonic clock. On the loopback alone.
 #include <fastcdr/Cdr.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -51,6 +51,10 @@ struct PoseArray : Message {
 };
 struct Float64 : Message {
   double data = 0;
+  template <class F> void each(F& f) { f(data); }
+};
+struct Bool : Message {
+  bool data = true;
   template <class F> void each(F& f) { f(data); }
 };
 struct Diagnostics : Message {  // no more than the beginning
@@ -147,6 +151,7 @@ int main(int, char** arguments) {
 #define TYPE(T, name) TypeSupport(new Type<T>(name))
   auto states = say("rt/joint_states", TYPE(JointState, "sensor_msgs::msg::dds_::JointState_"));
   auto people = say("rt/people", TYPE(PoseArray, "geometry_msgs::msg::dds_::PoseArray_"));
+  auto acknowledge = say("rt/armguard/acknowledge", TYPE(Bool, "std_msgs::msg::dds_::Bool_"));
   auto speeds = hear("rt/armguard/speed_override", TYPE(Float64, "std_msgs::msg::dds_::Float64_"));
   auto reports = hear("rt/diagnostics", TYPE(Diagnostics, "diagnostic_msgs::msg::dds_::DiagnosticArray_"));
   auto motions = hear("rt/joint_trajectory_controller/joint_trajectory",
@@ -163,6 +168,7 @@ int main(int, char** arguments) {
       words >> word;
       std::lock_guard<std::mutex> lock(guard);
       if (word == "ball") words >> ball.x >> ball.y >> ball.z;
+      if (Bool yes; word == "acknowledge") acknowledge->write(&yes);
       if (word == "mute" || word == "unmute") muted = word == "mute";
       if (word == "garbage") garbage = true;
     }
@@ -173,7 +179,7 @@ int main(int, char** arguments) {
   Trajectory motion;
   Point before;
   double phase = 0, scale = 0, asked = -1, heard = 0, begun = 0, taken = 0;
-  uint8_t level = 255;
+  std::string level;
   long tick = 0;
   for (auto next = std::chrono::steady_clock::now();; std::this_thread::sleep_until(next)) {
     next += std::chrono::milliseconds(2);
@@ -181,7 +187,7 @@ int main(int, char** arguments) {
     for (Float64 speed; take(speeds, speed); asked = speed.data, heard = time)
       if (speed.data != asked) std::printf("speed %g %.6f\n", speed.data, time);
     for (Diagnostics one; take(reports, one);)
-      if (one.level != level) std::printf("level %d %s\n", level = one.level, one.text.c_str());
+      if (one.text != level) std::printf("level %d %s\n", one.level, (level = one.text).c_str());
     while (take(motions, motion)) {
       std::printf("trajectory %zu %.6f\n", motion.points.size(), time);
       begun = motion.sec ? motion.sec + 1e-9 * motion.nanosec : date;

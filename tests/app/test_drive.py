@@ -6,6 +6,7 @@ from armguard.app.cli import Drive, main
 from armguard.app.drive import make_options
 from armguard.drivers.ur import JOINTS
 from armguard.exceptions import ArmguardError
+from armguard.streams.addresses import JOINTS_ADDRESS
 
 CELL = """
 sources = {{}}
@@ -110,6 +111,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     assert options.validity == pytest.approx(0.003)
     assert options.is_first
     assert not make_options(Drive(cell, again=True)).is_first
+    assert options.joints == (JOINTS_ADDRESS,)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def test_a_driver_gets_the_limits_and_forces_that_the_monitor_counts_with(tmp_pa
     [
         (["--duration", "0"], "--duration"),
         (["--measure", "--stops", "0"], "--stops"),
-        (["--joints", "tcp://0.0.0.0:5702"], "tcp://0.0.0.0:5702"),
+        (["--joints", "ipc:///joints", "--joints", "tcp://0.0.0.0:5702"], "tcp://0.0.0.0:5702"),
         (["--verdicts", "nonsense"], "nonsense"),
         (["--key", "x.secret"], "--server-key"),
     ],
@@ -204,6 +206,17 @@ def test_the_domain_is_that_of_the_file_or_of_the_environment(tmp_path, monkeypa
             make_options(Drive(cell))
     cell.write_text(CELL.format(driver=ROS2 + "domain = 3"))
     assert make_options(Drive(cell)).ros2.domain == 3
+
+
+def test_a_restart_holds_an_arm_of_a_graph_unless_the_file_says_otherwise(tmp_path):
+    cell = tmp_path / "cell.toml"
+    for more, topic in (
+        ("", "/armguard/acknowledge"),
+        ('acknowledge = "/go"', "/go"),
+        ("holds_after_restart = false", ""),
+    ):
+        cell.write_text(CELL.format(driver=ROS2 + more))
+        assert make_options(Drive(cell)).ros2.acknowledge == topic
 
 
 def test_the_cells_of_the_demos_say_all_that_a_driver_needs():

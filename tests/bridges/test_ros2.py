@@ -241,10 +241,11 @@ def test_verdicts_are_diagnostics_and_a_speed(panda):
     send(cell, pose_array(0.0, [(60.0, 0.0, 0.0)]))
     verdict = cell.step(START)
     for level, told in ((Level.STOP, 2), (Level.SLOW, 1), (Level.AWARE, 0), (Level.CLEAR, 0)):
-        found = describe_verdict(verdict._replace(level=level, speed_scale=0.5))
+        found = describe_verdict(verdict._replace(level=level, speed_scale=0.5, run="second"))
         assert found.level == told
         assert found.message.startswith(level.name)
         assert all(isinstance(value, str) for value in found.values.values())
+        assert found.values["run"] == "second"
         assert float(found.values["speed_scale"]) == (0.0 if level is Level.STOP else 0.5)
     assert "contact_speed" not in describe_verdict(verdict).values
     limited = verdict._replace(harm_time=0.25, contact_speed=0.21)

@@ -73,6 +73,7 @@ def make_options(domain, **changes):
         domain=domain,
         joint_states="/joint_states",
         speed_override="/armguard/speed_override",
+        acknowledge="/armguard/acknowledge",
         trajectory="/trajectory",
         obstacles={"camera": markers},
         obstacle_address="ipc:///nowhere",
@@ -222,6 +223,22 @@ def test_a_braking_trajectory_slows_down_evenly_from_where_the_arm_is(bench):
         assert 0.0 <= age <= 0.2
     time.sleep(0.25)
     assert not bench.arm.stop(), "where it is now is not known"
+
+
+@pytest.mark.hazard("H-24")
+def test_an_acknowledgement_is_a_true_of_this_moment(bench):
+    outlet = bench.graph.publish("/armguard/acknowledge", "std_msgs/msg/Bool")
+
+    def is_taken(data):
+        outlet.send(find_type("std_msgs/msg/Bool")(data))
+        time.sleep(0.005)
+        bench.arm.read()
+        return bench.arm.is_acknowledged
+
+    assert bench.arm.acknowledgement == "publish true to /armguard/acknowledge"
+    wait_until(lambda: is_taken(True))
+    wait_until(lambda: bench.arm.read() or not bench.arm.is_acknowledged)
+    assert not any(is_taken(False) for _ in range(20))
 
 
 @pytest.mark.parametrize("age", [-5.0, 5.0])

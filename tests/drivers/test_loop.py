@@ -16,6 +16,7 @@ from armguard.drivers.session import Session
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm, FakeStreams
+from support.shield_commands import command
 
 
 class Witness:
@@ -34,7 +35,7 @@ def made(monkeypatch):
     reading, writing = os.pipe()
     arm, streams, witness, link = FakeArm(), FakeStreams(), Witness(), Link(writing)
     session = Session(OPTIONS, Latencies(time.monotonic()), link)
-    loop = DriveLoop(arm, witness, session, streams, streams)
+    loop = DriveLoop(arm, witness, session, [streams], streams)
     yield arm, streams, witness, loop, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
     os.close(writing)
@@ -82,6 +83,20 @@ def test_verdicts_that_claim_more_than_is_agreed_are_told_once(made, validity, i
     assert read().count("the cell file has 2e+03 ms") == is_told
 
 
+@pytest.mark.hazard("H-24")
+def test_what_is_said_to_another_arm_counts_as_nothing_and_is_told_once(made):
+    _, streams, witness, loop, read = made
+    for arm in ("", "left", "left", ""):
+        streams.arm = arm
+        streams.command = command(time.monotonic(), arm=arm)
+        loop.turn()
+        heard = witness.moments[-1]
+        own = (streams.newest, streams.command) if arm == "" else (None, None)
+        assert (heard.verdict, heard.command) == own
+    told = "verdicts at ipc:///verdicts are for arm 'left', expected '', and count as none"
+    assert read().count(told) == 1
+
+
 @pytest.mark.parametrize("bad", [float("nan"), float("inf")])
 def test_what_is_not_finite_is_not_published(made, bad):
     arm, streams, _, loop, _ = made
@@ -96,7 +111,7 @@ def test_it_ends_with_the_process_that_started_it(made):
     reading, writing = os.pipe()
     orphan = msgspec.structs.replace(OPTIONS, parent=1)
     session = Session(orphan, Latencies(time.monotonic()), Link(writing))
-    loop = DriveLoop(arm, witness, session, streams, streams)
+    loop = DriveLoop(arm, witness, session, [streams], streams)
     with pytest.raises(KeyboardInterrupt):
         loop.run()
     os.close(reading)

@@ -1,15 +1,18 @@
 """How the process of a driver ends, without a robot."""
 
+import contextlib
 import os
 
 import msgspec
 import pytest
+import zmq
 
 from armguard.drivers import __main__ as main
 from armguard.drivers.arm import ArmLostError, WrongArmError
 from armguard.drivers.link import Link
 from armguard.drivers.options import ENDED, LOST, WRONG_ARM
 from armguard.drivers.program import ProgramConduct
+from armguard.messages.incoming import decode
 from support.driven_cell import OPTIONS
 from support.fake_arms import FakeArm
 
@@ -27,7 +30,8 @@ def run(monkeypatch, tmp_path):
 
     def run(connect):
         reading, writing = os.pipe()
-        addresses = {name: f"ipc://{tmp_path}/{name}" for name in ("joints", "verdicts")}
+        joints = tuple(f"ipc://{tmp_path}/joints{number}" for number in (1, 2))
+        addresses = {"joints": joints, "verdicts": f"ipc://{tmp_path}/verdicts"}
         monkeypatch.setattr(main, "connect", connect)
         with pytest.raises(Ended) as ended:
             main.run(msgspec.structs.replace(OPTIONS, **addresses), Link(writing))
@@ -83,3 +87,30 @@ def test_an_arm_is_left_and_one_that_cannot_be_left_in_peace_is_stopped(run, int
     ended, lines = run(lambda session: (arm, ProgramConduct(arm, session)))
     assert (ended, arm.orders) == (ENDED, ["leave"])
     assert ("STOPPED ALONE" in lines) == bool(interrupts)
+
+
+class HeardArm(FakeArm):
+    """Is read until it was heard by each monitor."""
+
+    def __init__(self, sockets):
+        super().__init__()
+        self.speed, self.waiting = 0.0, sockets
+
+    def read(self):
+        self.waiting = [socket for socket in self.waiting if not socket.poll(0)]
+        if not self.waiting:
+            raise KeyboardInterrupt
+        return super().read()._replace(q=[0.0] * 2, v=[0.0] * 2)
+
+
+def test_every_monitor_gets_the_joint_states(run, tmp_path):
+    with zmq.Context() as context, contextlib.ExitStack() as sockets:
+        bound = [sockets.enter_context(context.socket(zmq.SUB)) for _ in range(2)]
+        for number, socket in enumerate(bound, 1):
+            socket.subscribe(b"")
+            socket.bind(f"ipc://{tmp_path}/joints{number}")
+        arm = HeardArm(bound)
+        ended, _ = run(lambda session: (arm, ProgramConduct(arm, session)))
+        assert (ended, arm.orders[-1]) == (ENDED, "leave")
+        first, second = (decode(socket.recv(zmq.NOBLOCK)) for socket in bound)
+        assert first.names == second.names == list(OPTIONS.names)

@@ -22,14 +22,15 @@ VALIDITY = 0.02
 class Made:
     """A conduct, what its arm was told, and time that a test sets."""
 
-    def __init__(self, *, can_brake=True, measurement=None):
+    def __init__(self, *, can_brake=True, measurement=None, acknowledgement="nod", **options):
         self.now, self.sequence, self.verdict = 100.0, 0, None
         self.sent, self.reports, self.braked = [], [], []
         self.can_brake, self.v = can_brake, 0.5
+        self.acknowledgement, self.is_acknowledged = acknowledgement, False
         self._reading, writing = os.pipe()
         self.latencies = Latencies(0.0)
-        options = msgspec.structs.replace(OPTIONS, stop_within=0.5)
-        session = Session(options, self.latencies, Link(writing), measurement)
+        replaced = msgspec.structs.replace(OPTIONS, stop_within=0.5, **options)
+        session = Session(replaced, self.latencies, Link(writing), measurement)
         self.conduct = OverrideConduct(self, session)
 
     def set_speed(self, scale):
@@ -59,6 +60,12 @@ class Made:
 
     def read(self):
         return os.read(self._reading, 100_000).decode()
+
+    def acknowledge(self):
+        """Somebody acknowledges, between two turns."""
+        self.is_acknowledged = True
+        self.act()
+        self.is_acknowledged = False
 
 
 def test_nothing_but_a_valid_verdict_lets_it_move():
@@ -142,3 +149,45 @@ def test_a_measurement_stops_it_on_purpose():
         made.v = 0.0 if made.speed == 0.0 else 0.5
     assert measurement.problem == ""
     assert len(measurement.stops) == 1
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("restarted", ["monitor", "driver"])
+def test_after_a_restart_it_stands_until_somebody_acknowledges(restarted):
+    made = Made(is_first=restarted == "monitor")
+    if restarted == "monitor":
+        made.hear(Level.STOP, 0.0)
+        made.act()
+        # It came before the restart was noticed, so it is not about it.
+        made.is_acknowledged = True
+        made.hear(Level.CLEAR, run="second")
+        made.act()
+        made.is_acknowledged = False
+    told = f"hold: the {restarted} was restarted; nod to let the arm go on"
+    for _ in range(10):
+        made.hear(Level.CLEAR, run="second")
+        made.act()
+    assert made.speed == 0.0
+    assert made.reports[-1] == (None, told)
+    made.hear(Level.STOP, 0.0, run="second")
+    made.acknowledge()
+    made.hear(Level.CLEAR, run="second")
+    made.act()
+    assert made.speed == 0.0, "nothing could be let go on under a STOP"
+    made.acknowledge()
+    assert made.speed == 1.0
+    made.hear(Level.SLOW, 0.5, run="second")
+    made.act()
+    assert made.speed == 0.5
+    assert made.read().splitlines() == [f"tell {told}", "tell acknowledged: the arm may go on"]
+    made.hear(Level.CLEAR, run="third")
+    made.act()
+    assert made.speed == 0.0, "each restart is another one"
+
+
+def test_a_graph_that_decides_itself_is_not_held():
+    made = Made(acknowledgement="", is_first=False)
+    for run in ("first", "second"):
+        made.hear(Level.CLEAR, run=run)
+        made.act()
+        assert made.speed == 1.0

@@ -27,12 +27,12 @@ def made(monkeypatch):
     monkeypatch.setattr(driving.signal, "setitimer", lambda *_: None)
     reading, writing = os.pipe()
     arm, streams, link = FakeArm(), FakeStreams(), Link(writing)
-    latencies = Latencies(clock.now)
+    latencies, streams.arm = Latencies(clock.now), "left"
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
     session = Session(options, latencies, link)
-    loop = DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams)
+    loop = DriveLoop(arm, ProgramConduct(arm, session), session, [streams], streams)
 
     def turn(seconds):
         end = clock.now + seconds

@@ -72,11 +72,13 @@ def test_an_arm_in_a_graph_moves_while_verdicts_allow_it(tmp_path):
         wait_until(lambda: arm.levels[-1] == (2, "STOP: no valid verdict"))
         monitor.start_anew()
         monitor.is_silent = False
+        arm.acknowledge_hold("monitor")
         arm.wait_until_moving()
 
         cell.kill_driver()
         arm.wait_until_resting()
         wait_until(lambda: cell.find_driver() not in (None, driver))
+        arm.acknowledge_hold("driver")
         arm.wait_until_moving()
 
         driver = cell.find_driver()

@@ -20,6 +20,6 @@ def test_a_session_ends_with_its_measurement(monkeypatch, count):
     arm, streams, measurement = FakeArm(), FakeStreams(), Measurement(count)
     with open(os.devnull, "w") as nowhere:
         session = Session(OPTIONS, Latencies(time.monotonic()), Link(nowhere.fileno()), measurement)
-        DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams).run()
+        DriveLoop(arm, ProgramConduct(arm, session), session, [streams], streams).run()
     assert len(measurement.stops) == count
     assert arm.orders.count("pause") == count

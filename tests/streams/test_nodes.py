@@ -244,11 +244,11 @@ def test_a_reader_keeps_the_newest_command(address, as_json):
     publisher.close()
 
 
-def test_verdicts_and_commands_of_one_start_name_one_run_and_those_of_the_next_another(tmp_path):
+def test_verdicts_and_commands_name_their_arm_and_each_start_another_run(tmp_path):
     runs = []
     for name in ("first", "second"):
         address = f"ipc://{tmp_path}/{name}"
-        publisher = VerdictPublisher(address, 0.0)
+        publisher = VerdictPublisher(address, 0.0, arm="left")
         with VerdictReader(address) as reader:
             ends = time.monotonic() + 10.0
             while reader.command is None or reader.latest() is None:
@@ -257,6 +257,7 @@ def test_verdicts_and_commands_of_one_start_name_one_run_and_those_of_the_next_a
                 publisher.command(COMMAND)
                 reader.latest(0.01)
             assert reader.command.run == reader.latest().run
+            assert reader.command.arm == reader.latest().arm == "left"
             runs.append(reader.latest().run)
         publisher.close()
     assert len({"", *runs}) == 3

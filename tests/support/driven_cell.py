@@ -53,7 +53,7 @@ OPTIONS = DriveOptions(
     deceleration=4.0,
     validity=2.0,
     payload=5.0,
-    joints="ipc:///joints",
+    joints=("ipc:///joints",),
     verdicts="ipc:///verdicts",
 )
 """Of a driver's process, as good as any."""

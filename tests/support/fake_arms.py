@@ -64,7 +64,7 @@ class FakeStreams:
 
     def __init__(self):
         self.level, self.validity, self.sequence, self.published = Level.CLEAR, 1.0, 0, []
-        self.scale, self.run = 1.0, "first"
+        self.scale, self.run, self.arm = 1.0, "first", ""
         self.command = self.newest = None
         self.is_silent = False
 
@@ -86,6 +86,7 @@ class FakeStreams:
             speed_scale=self.scale,
             valid_until=now + self.validity,
             run=self.run,
+            arm=self.arm,
         )
         return self.newest
 

@@ -101,6 +101,13 @@ class Ros2Arm:
         self.process.stdin.write(f"{line}\n")
         self.process.stdin.flush()
 
+    def acknowledge_hold(self, restarted):
+        """Let it go on after a restart, once diagnostics ask for that."""
+        asked = f"STOP: hold: the {restarted} was restarted; publish true to /armguard/acknowledge"
+        wait_until(lambda: self.levels[-1][1].startswith(asked))
+        self.wait_until_resting()
+        self.tell("acknowledge")
+
     @property
     def speed(self):
         """How fast its first joint is, in [rad/s]."""

@@ -164,6 +164,10 @@ class Ros2Table(_Table, kw_only=True, tag_field="name", tag="ros2"):
     """Topic of the joint states."""
     speed_override: Name = "/armguard/speed_override"
     """Topic for the allowed speed."""
+    holds_after_restart: bool = True
+    """Hold at speed 0 after restarts."""
+    acknowledge: Name = "/armguard/acknowledge"
+    """Topic that ends this hold."""
     trajectory: Name | None = None
     """Topic for shield commands and braking."""
     timeout: Positive = 0.1

@@ -10,7 +10,7 @@ from armguard.app.cell import Cell
 from armguard.app.loop import Observer, RunOptions, run
 from armguard.exceptions import CellError
 from armguard.pairs import ArmObstacles
-from armguard.streams.nodes import Publisher
+from armguard.streams.nodes import Publisher, VerdictReader
 from support.panda_monitor import HOME
 
 SOURCES = "[sources]\n"
@@ -147,6 +147,7 @@ def test_a_run_watches_its_arm_against_the_other_one_and_takes_its_plan(tmp_path
     observer.observe = observe
     sender = threading.Thread(target=send)
     sender.start()
+    reader = VerdictReader(verdicts)
     try:
         report = run(
             cell, RunOptions(obstacles, joints, verdicts, duration=60.0), observer=observer
@@ -155,5 +156,7 @@ def test_a_run_watches_its_arm_against_the_other_one_and_takes_its_plan(tmp_path
         ended.set()
         sender.join()
     assert found[0].obstacle.startswith("right panda_")
+    with reader:
+        assert reader.latest(10.0).arm == "left"
     assert set(plans) == {"right"}
     assert not any("malformed" in kind or "refused" in kind for kind in report.faults)
