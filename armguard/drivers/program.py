@@ -44,9 +44,9 @@ class ProgramConduct:
         """Set the slider; pause, resume or stop the program."""
         now, state = moment.now, moment.state
         order = self._obedience.decide(moment.verdict, now, moment.hindrance)
-        if 0.0 < order.scale < LEAST_SCALE:
+        if 0.0 < order.scale * self._options.speed < LEAST_SCALE:
             # Slower than a program can run.
-            order = Order(0.0, "a speed scale below the least")
+            order = Order(0.0, "a speed below the least")
         if order.scale != self._order.scale or moment.is_new:
             self._arm.scale(self._scale(order))
         if state.trouble:

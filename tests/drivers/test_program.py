@@ -51,14 +51,14 @@ def test_the_slider_follows_the_verdict_up_to_the_cells_speed(made):
     streams.scale = 0.4
     turn(0.05)
     assert arm.fraction == 0.2
-    streams.scale = LEAST_SCALE
+    streams.scale = 2.0 * LEAST_SCALE
     turn(0.05)
     assert arm.fraction == LEAST_SCALE
     assert streams.published[0][1:] == (tuple("abcdef"), [0.0] * 6, [0.5] * 6, "left")
     assert arm.orders == []
 
 
-@pytest.mark.parametrize("scale", [1e-6, 0.99 * LEAST_SCALE])
+@pytest.mark.parametrize("scale", [1e-6, LEAST_SCALE, 1.99 * LEAST_SCALE])
 def test_slower_than_a_program_can_run_is_standing(made, scale):
     arm, streams, turn, _ = made
     turn(0.05)
