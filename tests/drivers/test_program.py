@@ -31,13 +31,19 @@ def made(monkeypatch):
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
-    session = Session(options, latencies, link)
-    loop = DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams)
+    loops = []
+
+    def start(is_first):
+        session = Session(msgspec.structs.replace(options, is_first=is_first), latencies, link)
+        loops[:] = [DriveLoop(arm, ProgramConduct(arm, session), session, streams, streams)]
 
     def turn(seconds):
         end = clock.now + seconds
         while clock.now < end:
-            loop.turn()
+            loops[0].turn()
+
+    arm.restart_driver = lambda: start(False)
+    start(True)
 
     yield arm, streams, turn, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
@@ -206,6 +212,53 @@ def test_a_program_stays_paused_when_the_monitor_was_restarted(made, says_goodby
     turn(2.0 * RESUME_DELAY)
     assert arm.orders == ["pause"]
     assert "the monitor was restarted" in read()
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+@pytest.mark.parametrize("cause", ["driver", "monitor", "fault"])
+def test_a_program_that_runs_on_through_a_restart_or_a_fault_needs_a_persons_start(
+    made, cause, delay
+):
+    """However late the robot obeys an order to pause."""
+    arm, streams, turn, read = made
+    turn(0.05)
+    pauses, pause = [], arm.pause
+
+    def obey_later():
+        pauses.append(streams.newest.stamp)
+        if streams.newest.stamp - pauses[0] >= delay:
+            pause()
+
+    arm.pause = obey_later
+    if cause == "driver":
+        arm.restart_driver()
+    elif cause == "monitor":
+        streams.run = "second"
+    else:
+        arm.trouble = "the robot is in a protective stop"
+        turn(0.001)
+        arm.trouble = ""
+    turn(0.05)
+    assert arm.fraction == (LEAST_SCALE if delay else 0.5)
+    streams.level = Level.STOP
+    turn(0.2)
+    streams.level = Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert (arm.orders, arm.program) == (["pause"], Program.PAUSED)
+    assert (f"the {cause} was restarted" in read()) == (cause != "fault")
+    arm.program = Program.RUNNING  # a person starts it
+    turn(0.1)
+    assert (arm.orders, arm.fraction) == (["pause"], 0.5)
+
+
+@pytest.mark.hazard("H-24")
+def test_what_the_driver_before_has_paused_stays_paused(made):
+    arm, _, turn, read = made
+    arm.program = Program.PAUSED
+    arm.restart_driver()
+    turn(2.0 * RESUME_DELAY)
+    assert (arm.orders, "restarted" in read()) == ([], False)
 
 
 def test_an_arm_that_people_move_is_not_said_to_ignore_a_pause(made):

@@ -149,6 +149,23 @@ def test_with_both_processes_dead_the_watchdog_of_the_controller_pauses_the_prog
         cell.process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.hazard("H-24")
+def test_a_program_that_ran_on_without_a_network_is_paused_until_a_person_starts_it(tmp_path):
+    with DrivenCell(tmp_path) as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        controller.refuses = True
+        controller.cut()
+        cell.wait_for("no order reaches the arm")
+        assert controller.program == PLAYING
+        controller.refuses = False
+        cell.wait_for("the driver was restarted: the program stays paused")
+        wait_until(lambda: controller.program == PAUSED)
+        time.sleep(0.5)
+        cell.play()
+        assert "play" not in [one.order for one in controller.received]
+
+
 def test_a_robot_that_cannot_be_driven_says_why_and_is_not_started_again(tmp_path):
     with DrivenCell(tmp_path, more="stop_within = 0.5") as cell:
         controller = cell.controller
