@@ -11,6 +11,7 @@ import math
 from armguard.drivers.arm import (
     LEAST_SCALE,
     REST_SPEED,
+    RESTING,
     ArmLostError,
     ArmState,
     Program,
@@ -23,8 +24,6 @@ from armguard.drivers.session import Session
 PAUSE_INTERVAL = 0.1
 STOP_INTERVAL = 0.5
 """Between two orders to pause, or to stop, while the arm does not obey, in [s]."""
-
-_RESTING = Program.PAUSED, Program.STOPPED
 
 RESUME_DELAY = 0.3
 """How long verdicts must have permitted motion before a paused program continues, in [s]."""
@@ -80,7 +79,7 @@ class ProgramConduct:
 
         A person starts it again.
         """
-        is_active = state.program not in _RESTING
+        is_active = state.program not in RESTING
         if self._obedience.restarts != self._restarts:
             if self._is_pausing or (is_active and not self._is_barred):
                 name = "driver" if self._restarts < 0 else "monitor"
@@ -133,7 +132,7 @@ class ProgramConduct:
             self._arm.pause()
         speed, waited = max(map(abs, state.v)), now - self._ordered_at
         # A program that ignores the pause runs on at the least scale, however slow the arm is.
-        is_resting = speed <= REST_SPEED and state.program in _RESTING
+        is_resting = speed <= REST_SPEED and state.program in RESTING
         if (is_resting or waited <= self._options.stop_within) or now < self._next_stop:
             return
         self._next_stop = now + STOP_INTERVAL

@@ -19,6 +19,8 @@ from typing import Any
 
 from armguard.drivers.arm import (
     LEAST_SCALE,
+    REST_SPEED,
+    RESTING,
     ArmLostError,
     ArmState,
     Program,
@@ -119,6 +121,7 @@ class UrArm:
         self._host = options.host
         self._deceleration = options.deceleration
         self._payload = options.payload
+        self._stop_within = options.stop_within
         self._stamps = StampFilter()
         with contextlib.ExitStack() as opened:
             self._dashboard = Dashboard(options.host)
@@ -185,6 +188,20 @@ class UrArm:
         trouble = self._find_trouble(*modes, payload)
         return ArmState(self._stamps.translate(stamp, now), q, v, program, trouble, scale)
 
+    def _await_rest(self, order: str) -> None:
+        """Wait until the arm and its program are seen at rest after an order."""
+        deadline = time.monotonic() + self._stop_within
+        while True:
+            state = self.read()
+            speeds = [] if state is None or state.program not in RESTING else state.v
+            if speeds and all(abs(v) <= REST_SPEED for v in speeds):
+                return
+            if not time.monotonic() < deadline:
+                raise ArmLostError(
+                    f"the arm was not seen at rest {self._stop_within:.2g} s after {order}"
+                )
+            time.sleep(0.001)
+
     def _find_trouble(self, mode: int, safety: int, payload: float) -> str:
         if safety not in (1, 2):
             return f"the robot {_SAFETY_MODES.get(safety, f'is in safety mode {safety}')}"
@@ -234,14 +251,10 @@ class UrProgramArm(UrArm):
         return True
 
     def leave(self) -> None:
-        """Pause the program, if one runs, and wait until the controller has read the order."""
+        """Pause the program, if one runs, and wait until the arm rests."""
         self.scale(LEAST_SCALE)
         self._dashboard.read_answers()
-        answer = self._dashboard.ask("pause")
-        if answer.startswith("Pausing"):
-            return
-        if self._dashboard.ask("running").lower() != "program running: false":
-            raise ArmLostError(f"the robot does not pause its program: {answer}")
+        self._await_rest(f"`pause`, which it answered by {self._dashboard.ask('pause')!r}")
 
 
 class UrMotionArm(UrArm):
@@ -300,9 +313,10 @@ class UrMotionArm(UrArm):
         self._has_braked_in_vain = not is_taken
 
     def leave(self) -> None:
-        """Stop the joints by `stopj`, which ends the program."""
+        """Stop the joints by `stopj`, which ends the program, and wait until the arm rests."""
         if not stop_by_script(self._host, self._deceleration):
             raise ArmLostError("no script reaches the robot: stop it by hand")
+        self._await_rest("`stopj`")
 
     def _do(self, order: Callable[..., bool], *arguments: object) -> None:
         try:

@@ -1,16 +1,18 @@
 """What the driver asks of a robot before the client library; test_watch.py has the library."""
 
-import contextlib
+import time
 
 import msgspec
+import numpy as np
 import pytest
 
-from armguard.drivers.arm import ArmLostError, Program, WrongArmError
+from armguard.drivers.arm import REST_SPEED, ArmLostError, Program, WrongArmError
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
 from armguard.drivers.ur_lines import Dashboard
-from armguard.lab.simulation.ur_controller import STOPPED, UrController
+from armguard.lab.simulation.ur_controller import PAUSED, STOPPED, UrController
 from support.driven_cell import OPTIONS, find_host
+from support.waiting import wait_until
 
 FAMILIES = ["UR3", "UR3e", "UR5", "UR5e", "UR10", "UR10e"]
 
@@ -109,24 +111,52 @@ class Slider:
         return True
 
 
+@pytest.fixture
+def leave():
+    """Has an arm of this kind leave a controller with these changes."""
+
+    def leave(kind, changes):
+        with UrController(find_host()) as controller:
+            wait_until(lambda: controller.pace > 0.9)
+            for name, value in changes.items():
+                setattr(controller, name, value)
+            arm = object.__new__(kind)
+            arm._host, arm._deceleration, arm._stop_within = controller.host, 4.0, 0.5
+            arm._dashboard, arm._io = Dashboard(controller.host), Slider()
+            arm._stamps, arm._payload, arm._receive = StampFilter(), 0.0, Receive()
+            arm._receive.getTimestamp = lambda: time.monotonic() // 0.002 * 0.002
+            arm._receive.getRuntimeState = lambda: controller.program
+            arm._receive.getActualQd = lambda: controller.v.tolist()
+            try:
+                arm.leave()
+            finally:
+                arm._dashboard.close()
+            assert controller.program in (PAUSED, STOPPED)
+            assert np.abs(controller.v).max() <= REST_SPEED
+
+    return leave
+
+
+@pytest.mark.hazard("H-20")
+@pytest.mark.parametrize("kind", [UrProgramArm, UrMotionArm])
+@pytest.mark.parametrize("changes", [{}, {"program": STOPPED}])
+def test_an_arm_rests_when_it_has_been_left(leave, kind, changes):
+    leave(kind, changes)
+
+
+@pytest.mark.hazard("H-20")
 @pytest.mark.parametrize(
-    ("change", "is_left"),
+    ("kind", "changes"),
     [
-        ({}, True),
-        ({"program": STOPPED}, True),
-        ({"is_remote": False}, False),
-        ({"_obey": "Failed to execute: {}".format}, False),
+        (UrProgramArm, {"obeys_pause": False}),
+        (UrProgramArm, {"is_remote": False}),
+        (UrProgramArm, {"_obey": "Failed to execute: {}".format}),
+        (UrMotionArm, {"is_remote": False}),
     ],
 )
-def test_a_program_that_is_not_paused_is_not_left_alone(change, is_left):
-    with UrController(find_host()) as controller:
-        for name, value in change.items():
-            setattr(controller, name, value)
-        arm = object.__new__(UrProgramArm)
-        arm._dashboard, arm._io = Dashboard(controller.host), Slider()
-        with contextlib.nullcontext() if is_left else pytest.raises(ArmLostError, match="pause"):
-            arm.leave()
-        arm._dashboard.close()
+def test_an_arm_that_is_not_seen_at_rest_is_not_left_alone(leave, kind, changes):
+    with pytest.raises(ArmLostError, match=r"not seen at rest 0\.5 s after"):
+        leave(kind, changes)
 
 
 class DeafControl:

@@ -166,6 +166,18 @@ def test_a_program_that_ran_on_without_a_network_is_paused_until_a_person_starts
         assert "play" not in [one.order for one in controller.received]
 
 
+@pytest.mark.hazard("H-20")
+def test_a_driver_that_ends_stops_a_program_that_does_not_pause_and_says_so(tmp_path):
+    with DrivenCell(tmp_path, more="stop_within = 3.0") as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        controller.obeys_pause = False
+        assert cell.end() == 1
+        assert cell.has("not seen at rest 3 s after `pause`, which it answered by 'Pausing")
+        assert cell.has("the robot was lost: check that the arm is at rest")
+        wait_until(lambda: controller.program == STOPPED)
+
+
 def test_a_robot_that_cannot_be_driven_says_why_and_is_not_started_again(tmp_path):
     with DrivenCell(tmp_path, more="stop_within = 0.5") as cell:
         controller = cell.controller
