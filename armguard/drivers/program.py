@@ -7,6 +7,7 @@ person starts, is corrected at once.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from armguard.drivers.arm import (
     LEAST_SCALE,
@@ -45,6 +46,8 @@ class ProgramConduct:
         self._restarts = 0 if session.options.is_first else -1
         self._order = Order(0.0)
         self._ordered_at = self._agreed_at = self._state_at = -math.inf
+        self._scales: deque[tuple[float, float]] = deque()
+        """Sliders that were ordered within the last `timeout`, and one before, with their times."""
         self._next_pause = self._next_stop = -math.inf
         self._is_pausing = False
         """Whether this driver has paused the program, and may let it continue."""
@@ -63,9 +66,10 @@ class ProgramConduct:
             order = Order(0.0, "a program that nobody has started")
         if order.scale != self._order.scale or moment.is_new:
             self._arm.scale(self._scale(order))
+            self._scales.append((now, self._scale(order)))
         self._note(order, moment)
         if moment.is_new:
-            self._confirm(order, moment)
+            self._confirm(moment)
         if order.scale > 0.0:
             self._resume(moment)
         else:
@@ -93,22 +97,26 @@ class ProgramConduct:
     def _note(self, order: Order, moment: Moment) -> None:
         """Note when the order changes."""
         if (order.scale > 0.0) != (self._order.scale > 0.0) or math.isinf(self._ordered_at):
-            self._ordered_at = self._agreed_at = moment.now
+            self._ordered_at = moment.now
             self._session.latencies.add_order(order)
         self._order = order
 
-    def _confirm(self, order: Order, moment: Moment) -> None:
-        """Check that the robot has the ordered speed: the library does not report it."""
+    def _confirm(self, moment: Moment) -> None:
+        """Check that the robot reports a slider between those of late: the library does not."""
         now, scale = moment.now, moment.state.scale
-        was_silent = not now - self._state_at <= self._options.timeout
+        timeout, tolerance = self._options.timeout, 0.5 * LEAST_SCALE
+        was_silent = not now - self._state_at <= timeout
         self._state_at = now
-        if was_silent or abs(scale - self._scale(order)) < 0.5 * LEAST_SCALE:
+        while len(self._scales) > 1 and now - self._scales[1][0] >= timeout:
+            self._scales.popleft()
+        ordered = [one for _, one in self._scales]
+        if was_silent or min(ordered) - tolerance < scale < max(ordered) + tolerance:
             # What it was told while it was silent, it could not confirm.
             self._agreed_at = now
-        elif not now - self._agreed_at <= self._options.longest_silence:
+        elif not now - self._agreed_at <= self._options.longest_silence - timeout:
             raise ArmLostError(
                 f"the robot does not take the speed slider: it reports {scale:.3g}, ordered was "
-                f"{self._scale(order):.3g}"
+                f"{ordered[-1]:.3g}"
             )
 
     def _resume(self, moment: Moment) -> None:

@@ -1,5 +1,6 @@
 """Laws of driving a program, with an arm and verdicts that a test can hold in its hands."""
 
+import contextlib
 import os
 
 import msgspec
@@ -185,6 +186,36 @@ def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     with pytest.raises(ArmLostError, match="not finite"):
         turn(1.0)
     assert all(state[3][0] >= 0.0 for state in streams.published)
+
+
+@pytest.mark.parametrize(("delay", "is_lost"), [(0.02, False), (0.08, False), (10.0, True)])
+@pytest.mark.parametrize("rise", [-1.0, 1.0])
+def test_a_slider_that_is_late_is_taken_and_one_that_stays_is_not(made, delay, rise, is_lost):
+    arm, streams, turn, _ = made
+    orders, begun = [], 0.1 if rise > 0.0 else 1.0
+    streams.scale = begun
+    turn(0.05)
+
+    def scale(fraction):
+        orders.append((fake_arms.time.now, fraction))
+        while orders and fake_arms.time.now - orders[0][0] >= delay:
+            arm.fraction = orders.pop(0)[1]
+
+    arm.scale = scale
+    with pytest.raises(ArmLostError, match="slider") if is_lost else contextlib.nullcontext():
+        for k in range(90):
+            streams.scale = begun + rise * 0.01 * k
+            turn(0.01)
+
+
+@pytest.mark.hazard("H-19")
+def test_a_slider_that_does_not_fall_is_lost_within_the_longest_silence(made):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    arm.takes_slider, streams.scale = False, 0.1
+    turn(0.29)
+    with pytest.raises(ArmLostError, match=r"reports 0\.5, ordered was 0\.05"):
+        turn(0.02)
 
 
 @pytest.mark.hazard("H-08")
