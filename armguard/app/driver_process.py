@@ -23,8 +23,8 @@ CHECK_INTERVAL = 0.1
 """Time between two checks whether it must end, in [s]."""
 
 END_TIMEOUT = 8.0
-"""How long a driver may take to bring its arm to rest, in [s]; the driver reports what it waits
-for."""
+"""How long a driver may take to end, besides `stop_within`, in [s]; the driver reports what it
+waits for."""
 
 
 class DriverProcess:
@@ -37,18 +37,26 @@ class DriverProcess:
         cell: Its file.
         arm: Which arm, in a cell with several; empty where there is one.
         tell: Takes lines for people.
+        stop_within: How long the arm may move after an order to pause, in [s].
         is_attended: Whether a person starts the first driver. By default this may be a service's
             restart, which acknowledges nothing.
     """
 
     def __init__(
-        self, cell: Path, arm: str, tell: Callable[[str], None], *, is_attended: bool = False
+        self,
+        cell: Path,
+        arm: str,
+        tell: Callable[[str], None],
+        stop_within: float,
+        *,
+        is_attended: bool = False,
     ) -> None:
         self._words = [sys.executable, "-P", "-m", "armguard", "drive", str(cell)]
         self._words += ["--arm", arm] if arm else []
         self._words += ["--parent", str(os.getpid())]
         self._words += [] if is_attended else ["--again"]
         self._tell = tell
+        self._longest_end = END_TIMEOUT + stop_within
         self._is_told, self._is_ending = threading.Event(), threading.Event()
         # All is done by this thread: what it starts inherits no real-time scheduling.
         self._thread = threading.Thread(target=self._look_after, name="driver", daemon=True)
@@ -101,7 +109,7 @@ class DriverProcess:
                 return process.wait(CHECK_INTERVAL)
         process.send_signal(signal.SIGINT)
         try:
-            return process.wait(END_TIMEOUT)
+            return process.wait(self._longest_end)
         except subprocess.TimeoutExpired:
             process.kill()
             self._tell(

@@ -116,7 +116,13 @@ def supervise(wishes: cli.Run, *, moves: bool) -> int:
             from armguard.app.driver_process import DriverProcess
 
             driver = resources.enter_context(
-                DriverProcess(wishes.cell, cell.arm, announcer.tell, is_attended=wishes.attended)
+                DriverProcess(
+                    wishes.cell,
+                    cell.arm,
+                    announcer.tell,
+                    cell.find_driver().stop_within,
+                    is_attended=wishes.attended,
+                )
             )
         # Its thread as well.
         resources.enter_context(ServiceNotifier.from_environment(lambda: observer.ticks))

@@ -20,7 +20,7 @@ import msgspec
 
 from armguard.drivers.arm import Arm, ArmLostError, MotionArm, ProgramArm, WrongArmError
 from armguard.drivers.latencies import Latencies
-from armguard.drivers.link import CONNECTING, MEASURED, WRONG, Link
+from armguard.drivers.link import CONNECTING, LEAVING, MEASURED, WRONG, Link
 from armguard.drivers.loop import DriveLoop
 from armguard.drivers.measurement import Measurement, describe
 from armguard.drivers.moment import Conduct
@@ -108,6 +108,8 @@ def drive(options: DriveOptions, link: Link) -> int:
             code = ENDED  # by a signal, or the process that watches this one has ended
         finally:
             link.count(latencies.counts)
+        link.send(LEAVING)
+        signal.setitimer(signal.ITIMER_REAL, options.longest_end)
         arm.leave()
     if measurement is not None and measurement.is_done:
         text = measurement.problem or describe(measurement.stops, options.names, options.payload)
@@ -130,7 +132,7 @@ def run(options: DriveOptions, link: Link) -> NoReturn:
     except KeyboardInterrupt:
         # While it connected, or again while the arm was left.
         link.tell(f"{name}: ended before the arm was at rest; {stop_alone(options)}")
-        code = ENDED
+        code = LOST
     except BaseException as error:
         link.tell(f"{name}: the driver has failed ({type(error).__name__}); {stop_alone(options)}")
         traceback.print_exc()

@@ -53,6 +53,10 @@ class Program(enum.Enum):
     PAUSED = "paused"
 
 
+RESTING = Program.PAUSED, Program.STOPPED
+"""States in which a program moves no joint."""
+
+
 class ArmState(NamedTuple):
     """State that a robot reported at one time."""
 

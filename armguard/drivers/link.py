@@ -11,9 +11,10 @@ import os
 
 import msgspec
 
-CONNECTING, DRIVING, TELL, COUNTS, MEASURED, WRONG = (
+CONNECTING, DRIVING, LEAVING, TELL, COUNTS, MEASURED, WRONG = (
     "connecting",
     "driving",
+    "leaving",
     "tell",
     "counts",
     "measured",

@@ -35,7 +35,7 @@ LONGEST_TURN = 2.0
 """How long a turn may take beyond the longest silence, in [s]."""
 
 BEAT = 0.05
-"""Between two signs of life, in [s]."""
+"""Between two signs of life, in [s]; not more than `timeout`."""
 
 
 class DriveLoop:
@@ -158,7 +158,7 @@ class DriveLoop:
 
     def _report(self, now: float) -> None:
         """Send signs of life, and a line each second."""
-        self._next_beat = now + BEAT
+        self._next_beat = now + min(BEAT, self._options.timeout)
         if self._options.parent and os.getppid() != self._options.parent:
             raise KeyboardInterrupt
         self._link.send(DRIVING)

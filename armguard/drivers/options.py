@@ -11,7 +11,11 @@ from armguard.streams.keys import Keys
 
 WRONG_ARM, LOST, ENDED = 2, 3, 4
 """Exit codes: another try is useless; the robot was lost, and was stopped if possible; a signal, or
-the end of its parent, ended the process."""
+the end of its parent, ended the process, with the arm at rest."""
+
+END_TIMEOUT = 2.0
+"""How long a process may take to end after a signal, besides the time for the arm to rest, in
+[s]."""
 
 LONGEST_HANG = 2.0
 """Silence after which the process of a robot that stops by itself is ended, in [s]."""
@@ -131,6 +135,11 @@ class DriveOptions(msgspec.Struct, frozen=True, kw_only=True):
         longer before another process starts.
         """
         return 3.0 * self.timeout if self.ros2 is None else LONGEST_HANG
+
+    @property
+    def longest_end(self) -> float:
+        """How long this process may take to bring the arm to rest and to end, in [s]."""
+        return END_TIMEOUT + self.stop_within
 
     def load_keys(self) -> Keys | None:
         """The keys of the client; None where there are none."""

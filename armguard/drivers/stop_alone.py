@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from armguard.drivers.options import DriveOptions
-from armguard.drivers.ur_lines import stop_by_script
+from armguard.drivers.ur_lines import is_in_local_control, stop_by_script
 
 
 def stop_alone(options: DriveOptions) -> str:
@@ -15,5 +15,7 @@ def stop_alone(options: DriveOptions) -> str:
     if options.driver == "franka":
         return "without positions the robot stops by itself"
     if stop_by_script(options.host, options.deceleration):
+        if is_in_local_control(options.host):
+            return "the robot is in local control and ignores orders: stop it by hand"
         return "the arm was ordered to stop"
     return "no order reaches the arm: check that it is at rest"

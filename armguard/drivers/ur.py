@@ -11,6 +11,7 @@ that is not set.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import threading
 import time
@@ -19,6 +20,8 @@ from typing import Any
 
 from armguard.drivers.arm import (
     LEAST_SCALE,
+    REST_SPEED,
+    RESTING,
     ArmLostError,
     ArmState,
     Program,
@@ -27,7 +30,7 @@ from armguard.drivers.arm import (
 )
 from armguard.drivers.options import DriveOptions
 from armguard.drivers.stamp_filter import StampFilter
-from armguard.drivers.ur_lines import Dashboard, check_rtde, stop_by_script
+from armguard.drivers.ur_lines import REMOTE_CONTROL, Dashboard, check_rtde, stop_by_script
 
 JOINTS = (
     "shoulder_pan_joint",
@@ -62,6 +65,9 @@ FULL_SCALE = 0.999
 
 STOP_DECELERATION = 10.0
 """Deceleration of `servoStop`, in [m/s²]: the library's default."""
+
+QUESTION_INTERVAL = 1.0
+"""Between two questions whether the robot is in remote control, in [s]."""
 
 _RUNNING = 7
 
@@ -119,7 +125,9 @@ class UrArm:
         self._host = options.host
         self._deceleration = options.deceleration
         self._payload = options.payload
+        self._stop_within = options.stop_within
         self._stamps = StampFilter()
+        self._is_local, self._refusal, self._next_question = False, "", math.inf
         with contextlib.ExitStack() as opened:
             self._dashboard = Dashboard(options.host)
             opened.callback(self._dashboard.close)
@@ -147,9 +155,11 @@ class UrArm:
             raise WrongArmError(
                 f"the robot at {options.host} is a {model} with {version}, no {options.model}"
             )
-        answer = self._dashboard.ask("is in remote control")
+        answer = self._dashboard.ask(REMOTE_CONTROL).lower()
         # Controllers of the CB series know no such mode, and do not understand.
-        if answer.lower() == "false":
+        if answer == "true":
+            self._next_question = time.monotonic()
+        if answer == "false":
             raise ArmLostError(
                 "the robot is not in remote control: switch remote control on at the pendant"
             )
@@ -164,6 +174,7 @@ class UrArm:
     def read(self) -> ArmState | None:
         """The newest state; None where there is none that was not read before."""
         receive = self._receive
+        self._hear()
         try:
             if not receive.isConnected():
                 raise ArmLostError("the robot has ended the connection")
@@ -182,14 +193,51 @@ class UrArm:
                 return None
         except RuntimeError as error:
             raise _explain(error) from None
+        if program is not Program.PAUSED:
+            self._refusal = ""
         trouble = self._find_trouble(*modes, payload)
         return ArmState(self._stamps.translate(stamp, now), q, v, program, trouble, scale)
+
+    def _hear(self) -> None:
+        """Read the dashboard's answers, and ask at times whether the robot takes orders."""
+        has_modes = self._next_question < math.inf
+        for answer in self._dashboard.read_answers():
+            if answer.lower() in ("true", "false"):
+                self._is_local = answer.lower() == "false"
+            elif "not allowed" in answer:
+                self._is_local = has_modes
+            elif answer.startswith("Failed to execute: play"):
+                self._refusal = answer
+        if (now := time.monotonic()) >= self._next_question:
+            self._next_question = now + QUESTION_INTERVAL
+            self._dashboard.order(REMOTE_CONTROL)
+
+    def _await_rest(self, order: str) -> None:
+        """Wait until the arm and its program are seen at rest after an order."""
+        deadline = time.monotonic() + self._stop_within
+        while True:
+            state = self.read()
+            speeds = [] if state is None or state.program not in RESTING else state.v
+            if speeds and all(abs(v) <= REST_SPEED for v in speeds):
+                return
+            if not time.monotonic() < deadline:
+                raise ArmLostError(
+                    f"the arm was not seen at rest {self._stop_within:.2g} s after {order}"
+                )
+            time.sleep(0.001)
 
     def _find_trouble(self, mode: int, safety: int, payload: float) -> str:
         if safety not in (1, 2):
             return f"the robot {_SAFETY_MODES.get(safety, f'is in safety mode {safety}')}"
         if mode != _RUNNING:
             return f"the robot {_ROBOT_MODES.get(mode, f'is in mode {mode}')}: switch it on"
+        if self._is_local:
+            return (
+                "the robot is in local control and ignores pause and scripts: stop it by hand, and "
+                "switch remote control on at the pendant"
+            )
+        if self._refusal:
+            return f"the program does not go on ({self._refusal}): start it again by hand"
         return describe_overload(payload, self._payload)
 
 
@@ -215,33 +263,23 @@ class UrProgramArm(UrArm):
 
     def pause(self) -> None:
         """Pause the program."""
-        self._order("pause")
+        self._dashboard.order("pause")
 
     def resume(self) -> None:
         """Let the paused program continue."""
-        self._order("play")
-
-    def _order(self, line: str) -> None:
-        for answer in self._dashboard.read_answers():
-            if "not allowed" in answer:
-                raise ArmLostError(f"the robot is no longer in remote control: {answer}")
-        self._dashboard.order(line)
+        self._dashboard.order("play")
 
     def stop(self) -> bool:
         """Stop the joints by `stopj`, which ends the program."""
         if not stop_by_script(self._host, self._deceleration):
             raise ArmLostError("no script reaches the robot: stop it by hand")
-        return True
+        return not self._is_local
 
     def leave(self) -> None:
-        """Pause the program, if one runs, and wait until the controller has read the order."""
+        """Pause the program, if one runs, and wait until the arm rests."""
         self.scale(LEAST_SCALE)
-        self._dashboard.read_answers()
-        answer = self._dashboard.ask("pause")
-        if answer.startswith("Pausing"):
-            return
-        if self._dashboard.ask("running").lower() != "program running: false":
-            raise ArmLostError(f"the robot does not pause its program: {answer}")
+        self.pause()
+        self._await_rest("`pause`")
 
 
 class UrMotionArm(UrArm):
@@ -300,9 +338,10 @@ class UrMotionArm(UrArm):
         self._has_braked_in_vain = not is_taken
 
     def leave(self) -> None:
-        """Stop the joints by `stopj`, which ends the program."""
+        """Stop the joints by `stopj`, which ends the program, and wait until the arm rests."""
         if not stop_by_script(self._host, self._deceleration):
             raise ArmLostError("no script reaches the robot: stop it by hand")
+        self._await_rest("`stopj`")
 
     def _do(self, order: Callable[..., bool], *arguments: object) -> None:
         try:

@@ -21,6 +21,9 @@ TIMEOUT = 1.0
 TAKE_TIME = 0.02
 """How long the controller may take to read a script, in [s]."""
 
+REMOTE_CONTROL = "is in remote control"
+"""Question of the dashboard; controllers of the CB series do not understand it."""
+
 _HEADER = struct.Struct(">HB")
 _VERSION_REQUEST = _HEADER.pack(5, ord("V")) + struct.pack(">H", 2)
 """RTDE: request of version 2 of the protocol."""
@@ -31,15 +34,17 @@ class Dashboard:
 
     Args:
         host: Of the controller.
+        timeout: How long it may take to answer, in [s]; by default `TIMEOUT`.
 
     Raises:
         ArmLostError: It does not answer.
     """
 
-    def __init__(self, host: str) -> None:
+    def __init__(self, host: str, timeout: float | None = None) -> None:
         self._name = f"the dashboard at {host}:{DASHBOARD_PORT}"
         self._received = b""
-        self._socket = _connect(host, DASHBOARD_PORT, TIMEOUT)
+        self._timeout = TIMEOUT if timeout is None else timeout
+        self._socket = _connect(host, DASHBOARD_PORT, self._timeout)
         try:
             self._read_line()  # its greeting
         except ArmLostError:
@@ -53,7 +58,7 @@ class Dashboard:
             ArmLostError: It does not answer.
         """
         self.order(line)
-        self._socket.settimeout(TIMEOUT)
+        self._socket.settimeout(self._timeout)
         return self._read_line()
 
     def order(self, line: str) -> None:
@@ -136,6 +141,7 @@ def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool
         Whether it could be sent. The controller does not answer: only joint states show whether it
         obeys.
     """
+    is_open = False
     try:
         with _connect(host, SCRIPT_PORT, timeout) as connection:
             connection.sendall(f"stopj({deceleration:.3f})\n".encode())
@@ -145,12 +151,28 @@ def stop_by_script(host: str, deceleration: float, timeout: float = 0.3) -> bool
             while (left := deadline - time.monotonic()) > 0.0:
                 connection.settimeout(left)
                 if not connection.recv(65536):
-                    break
+                    # One that accepts scripts sends its states.
+                    return is_open
+                is_open = True
     except TimeoutError:
         return True
     except (OSError, ArmLostError):
         return False
     return True
+
+
+def is_in_local_control(host: str, timeout: float = 0.3) -> bool:
+    """Whether the controller says that it is in local control, where it ignores scripts.
+
+    Args:
+        host: Of the controller.
+        timeout: How long to wait for a connection, or for an answer, in [s].
+    """
+    try:
+        with contextlib.closing(Dashboard(host, timeout)) as dashboard:
+            return dashboard.ask(REMOTE_CONTROL).lower() == "false"
+    except ArmLostError:
+        return False
 
 
 def _connect(host: str, port: int, timeout: float) -> socket.socket:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from armguard.drivers.link import COUNTS, DRIVING, MEASURED, TELL, WRONG, Counts
+from armguard.drivers.link import COUNTS, DRIVING, LEAVING, MEASURED, TELL, WRONG, Counts
 from armguard.drivers.options import ENDED, LOST, WRONG_ARM, DriveOptions
 from armguard.drivers.stop_alone import stop_alone
 from armguard.exceptions import ArmguardError
@@ -30,9 +30,6 @@ CONNECT_TIMEOUT = 20.0
 
 RETRY = 0.5
 """Between the end of a process and the start of the next, in [s]."""
-
-END_TIMEOUT = 2.0
-"""How long a process may take to end after a signal, in [s]."""
 
 _LIBRARIES = {
     "ur": ("ur_rtde", "rtde_receive", "ur"),
@@ -60,7 +57,7 @@ class Report(msgspec.Struct):
     measured: str = ""
     """Lines of a measurement."""
     problem: str = ""
-    """Why there is no measurement."""
+    """Why there is no measurement, or the arm may not be at rest."""
 
 
 class _Driver:
@@ -90,7 +87,7 @@ class _Driver:
         self.library = self.process.stdout.fileno()
         self.link = reading
         self.is_driving = False
-        self.longest_silence = options.longest_silence
+        self.longest_silence, self.longest_end = options.longest_silence, options.longest_end
         self.heard = time.monotonic()
         self.counts = Counts()
         self.problem = ""
@@ -170,6 +167,7 @@ def watch(
     told: deque[str] = deque(maxlen=_TOLD)
     # A person's start acknowledges what was before it, and nothing that has happened since.
     is_first = options.is_first
+    is_lost = False
 
     def is_over() -> bool:
         return is_ending() or time.monotonic() >= end
@@ -189,16 +187,20 @@ def watch(
             _add(report.counts, driver.counts)
         report.connections += driver.is_driving
         if code == 0:
+            is_lost &= not driver.is_driving
             break
         if code == WRONG_ARM:
             problem = driver.problem or "it does not start"
             raise ArmguardError("driver", problem, remedy="see [robot.driver] in the cell file")
+        is_lost |= driver.is_driving
         report.lost += driver.is_driving
         if driver.is_driving:
             told.clear()  # what is wrong now is news
         pause_end = time.monotonic() + RETRY
         while not is_over() and time.monotonic() < pause_end:
             time.sleep(_WAIT)
+    if is_lost:
+        report.problem = "the robot was lost: check that the arm is at rest"
     return report
 
 
@@ -225,12 +227,13 @@ def _attend(
         if is_over():
             driver.process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
-                driver.process.wait(END_TIMEOUT)
+                driver.process.wait(driver.longest_end)
             break
     code = driver.process.returncode
     if code is None:
         driver.process.kill()
         _stop(options, "the driver's process does not end", tell)
+        code = LOST
     elif code == ENDED:
         if is_over():
             code = 0
@@ -245,7 +248,7 @@ def _attend(
         _stop(options, cause, tell)
     for word, text in driver.read(0.0):
         _take(driver, word, text, report, tell, told)
-    return code or 0
+    return code
 
 
 def _stop(options: DriveOptions, cause: str, tell: Callable[[str], None]) -> None:
@@ -264,6 +267,8 @@ def _take(
     """Process a line of the driver; repeated lines are reported once."""
     if word == DRIVING:
         driver.is_driving = True
+    elif word == LEAVING:
+        driver.longest_silence = driver.longest_end
     elif word == COUNTS:
         with contextlib.suppress(msgspec.DecodeError):
             driver.counts = msgspec.json.decode(text, type=Counts)

@@ -87,12 +87,26 @@ def test_only_the_first_driver_of_a_person_is_a_persons_start(tmp_path, monkeypa
     process.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(process))
     monkeypatch.setattr(driver_process, "RESTART_DELAY", 0.0)
-    driver = DriverProcess(Path("cell.toml"), "", lines.append, is_attended=is_attended)
+    driver = DriverProcess(Path("cell.toml"), "", lines.append, 1.0, is_attended=is_attended)
     with driver:
         driver.start(dict.fromkeys(("joints", "obstacles", "verdicts"), "-"))
         wait_until(lambda: len(lines) > 2)
     firsts = ["--again" not in line for line in started.read_text().splitlines()]
     assert firsts[:3] == [is_attended, False, False]
+
+
+@pytest.mark.hazard("H-20")
+def test_a_driver_has_as_long_to_end_as_its_arm_may_move(tmp_path, monkeypatch):
+    lines, process = [], tmp_path / "process"
+    end = "trap 'sleep 1; exit' INT"
+    process.write_text(f"#!/bin/sh\n{end}\n: > {tmp_path}/begun\nwhile :; do sleep 0.01; done\n")
+    process.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(process))
+    monkeypatch.setattr(driver_process, "END_TIMEOUT", 0.0)
+    with DriverProcess(Path("cell.toml"), "", lines.append, 60.0) as driver:
+        driver.start(dict.fromkeys(("joints", "obstacles", "verdicts"), "-"))
+        wait_until((tmp_path / "begun").exists)
+    assert lines == []
 
 
 def test_a_run_without_a_driver_has_nothing_to_attend(tmp_path, capsys):

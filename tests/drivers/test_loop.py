@@ -14,8 +14,9 @@ from armguard.drivers.link import DRIVING, Link
 from armguard.drivers.loop import DriveLoop
 from armguard.drivers.session import Session
 from armguard.verdict import Level
+from support import fake_arms
 from support.driven_cell import OPTIONS
-from support.fake_arms import FakeArm, FakeStreams
+from support.fake_arms import FakeArm, FakeClock, FakeStreams
 from support.shield_commands import command
 
 
@@ -62,6 +63,26 @@ def test_silence_of_the_robot_hinders_it_and_a_long_one_is_its_loss(made):
     assert not any(one.is_new for one in witness.moments[1:])
     silent = [one.now for one in witness.moments if one.hindrance == "the robot is silent"]
     assert OPTIONS.timeout < silent[-1] - witness.moments[0].now <= OPTIONS.longest_silence + 0.01
+
+
+def test_signs_of_life_come_more_often_than_their_absence_ends_the_process(made, monkeypatch):
+    _, streams, witness, _, _ = made
+    clock = FakeClock()
+    monkeypatch.setattr(driving, "time", clock)
+    monkeypatch.setattr(fake_arms, "time", clock)
+    options = msgspec.structs.replace(OPTIONS, timeout=0.005)
+    reading, writing = os.pipe()
+    session = Session(options, Latencies(clock.now), Link(writing))
+    loop = DriveLoop(FakeArm(), witness, session, [streams], streams)
+    longest, heard = 0.0, clock.now
+    for _ in range(200):
+        loop.turn()
+        os.write(writing, b"-")
+        if DRIVING in os.read(reading, 1000).decode():
+            longest, heard = max(longest, clock.now - heard), clock.now
+    assert 0.0 < longest <= 0.5 * options.longest_silence
+    os.close(reading)
+    os.close(writing)
 
 
 def test_trouble_is_told_when_it_changes(made):

@@ -50,7 +50,7 @@ def run(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("error", "code", "stops"),
     [
-        (KeyboardInterrupt(), ENDED, True),
+        (KeyboardInterrupt(), LOST, True),
         (ArmLostError("lost"), LOST, True),
         (MemoryError(), LOST, True),
         (WrongArmError("another"), WRONG_ARM, False),
@@ -85,7 +85,8 @@ class LeftArm(FakeArm):
 def test_an_arm_is_left_and_one_that_cannot_be_left_in_peace_is_stopped(run, interrupts):
     arm = LeftArm(interrupts)
     ended, lines = run(lambda session: (arm, ProgramConduct(arm, session)))
-    assert (ended, arm.orders) == (ENDED, ["leave"])
+    assert (ended, arm.orders) == (LOST if interrupts else ENDED, ["leave"])
+    assert "leaving" in lines
     assert ("STOPPED ALONE" in lines) == bool(interrupts)
 
 

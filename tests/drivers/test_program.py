@@ -1,5 +1,6 @@
 """Laws of driving a program, with an arm and verdicts that a test can hold in its hands."""
 
+import contextlib
 import os
 
 import msgspec
@@ -31,13 +32,19 @@ def made(monkeypatch):
     options = msgspec.structs.replace(
         OPTIONS, names=tuple("abcdef"), speed=0.5, stop_within=0.2, timeout=0.1, arm="left"
     )
-    session = Session(options, latencies, link)
-    loop = DriveLoop(arm, ProgramConduct(arm, session), session, [streams], streams)
+    loops = []
+
+    def start(is_first):
+        session = Session(msgspec.structs.replace(options, is_first=is_first), latencies, link)
+        loops[:] = [DriveLoop(arm, ProgramConduct(arm, session), session, [streams], streams)]
 
     def turn(seconds):
         end = clock.now + seconds
         while clock.now < end:
-            loop.turn()
+            loops[0].turn()
+
+    arm.restart_driver = lambda: start(False)
+    start(True)
 
     yield arm, streams, turn, lambda: os.read(reading, 100_000).decode()
     os.close(reading)
@@ -51,14 +58,14 @@ def test_the_slider_follows_the_verdict_up_to_the_cells_speed(made):
     streams.scale = 0.4
     turn(0.05)
     assert arm.fraction == 0.2
-    streams.scale = LEAST_SCALE
+    streams.scale = 2.0 * LEAST_SCALE
     turn(0.05)
     assert arm.fraction == LEAST_SCALE
     assert streams.published[0][1:] == (tuple("abcdef"), [0.0] * 6, [0.5] * 6, "left")
     assert arm.orders == []
 
 
-@pytest.mark.parametrize("scale", [1e-6, 0.99 * LEAST_SCALE])
+@pytest.mark.parametrize("scale", [1e-6, LEAST_SCALE, 1.99 * LEAST_SCALE])
 def test_slower_than_a_program_can_run_is_standing(made, scale):
     arm, streams, turn, _ = made
     turn(0.05)
@@ -181,6 +188,36 @@ def test_an_arm_that_is_silent_mad_or_deaf_counts_as_lost(made):
     assert all(state[3][0] >= 0.0 for state in streams.published)
 
 
+@pytest.mark.parametrize(("delay", "is_lost"), [(0.02, False), (0.08, False), (10.0, True)])
+@pytest.mark.parametrize("rise", [-1.0, 1.0])
+def test_a_slider_that_is_late_is_taken_and_one_that_stays_is_not(made, delay, rise, is_lost):
+    arm, streams, turn, _ = made
+    orders, begun = [], 0.1 if rise > 0.0 else 1.0
+    streams.scale = begun
+    turn(0.05)
+
+    def scale(fraction):
+        orders.append((fake_arms.time.now, fraction))
+        while orders and fake_arms.time.now - orders[0][0] >= delay:
+            arm.fraction = orders.pop(0)[1]
+
+    arm.scale = scale
+    with pytest.raises(ArmLostError, match="slider") if is_lost else contextlib.nullcontext():
+        for k in range(90):
+            streams.scale = begun + rise * 0.01 * k
+            turn(0.01)
+
+
+@pytest.mark.hazard("H-19")
+def test_a_slider_that_does_not_fall_is_lost_within_the_longest_silence(made):
+    arm, streams, turn, _ = made
+    turn(0.05)
+    arm.takes_slider, streams.scale = False, 0.1
+    turn(0.29)
+    with pytest.raises(ArmLostError, match=r"reports 0\.5, ordered was 0\.05"):
+        turn(0.02)
+
+
 @pytest.mark.hazard("H-08")
 def test_without_any_verdict_it_stands(made):
     arm, streams, turn, _ = made
@@ -206,6 +243,53 @@ def test_a_program_stays_paused_when_the_monitor_was_restarted(made, says_goodby
     turn(2.0 * RESUME_DELAY)
     assert arm.orders == ["pause"]
     assert "the monitor was restarted" in read()
+
+
+@pytest.mark.hazard("H-24")
+@pytest.mark.parametrize("delay", [0.0, 0.1])
+@pytest.mark.parametrize("cause", ["driver", "monitor", "fault"])
+def test_a_program_that_runs_on_through_a_restart_or_a_fault_needs_a_persons_start(
+    made, cause, delay
+):
+    """However late the robot obeys an order to pause."""
+    arm, streams, turn, read = made
+    turn(0.05)
+    pauses, pause = [], arm.pause
+
+    def obey_later():
+        pauses.append(streams.newest.stamp)
+        if streams.newest.stamp - pauses[0] >= delay:
+            pause()
+
+    arm.pause = obey_later
+    if cause == "driver":
+        arm.restart_driver()
+    elif cause == "monitor":
+        streams.run = "second"
+    else:
+        arm.trouble = "the robot is in a protective stop"
+        turn(0.001)
+        arm.trouble = ""
+    turn(0.05)
+    assert arm.fraction == (LEAST_SCALE if delay else 0.5)
+    streams.level = Level.STOP
+    turn(0.2)
+    streams.level = Level.CLEAR
+    turn(2.0 * RESUME_DELAY)
+    assert (arm.orders, arm.program) == (["pause"], Program.PAUSED)
+    assert (f"the {cause} was restarted" in read()) == (cause != "fault")
+    arm.program = Program.RUNNING  # a person starts it
+    turn(0.1)
+    assert (arm.orders, arm.fraction) == (["pause"], 0.5)
+
+
+@pytest.mark.hazard("H-24")
+def test_what_the_driver_before_has_paused_stays_paused(made):
+    arm, _, turn, read = made
+    arm.program = Program.PAUSED
+    arm.restart_driver()
+    turn(2.0 * RESUME_DELAY)
+    assert (arm.orders, "restarted" in read()) == ([], False)
 
 
 def test_an_arm_that_people_move_is_not_said_to_ignore_a_pause(made):

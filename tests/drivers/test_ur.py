@@ -1,16 +1,19 @@
 """What the driver asks of a robot before the client library; test_watch.py has the library."""
 
-import contextlib
+import math
+import time
 
 import msgspec
+import numpy as np
 import pytest
 
-from armguard.drivers.arm import ArmLostError, Program, WrongArmError
+from armguard.drivers.arm import REST_SPEED, ArmLostError, Program, WrongArmError
 from armguard.drivers.stamp_filter import StampFilter
 from armguard.drivers.ur import UrArm, UrMotionArm, UrProgramArm
 from armguard.drivers.ur_lines import Dashboard
-from armguard.lab.simulation.ur_controller import STOPPED, UrController
+from armguard.lab.simulation.ur_controller import PAUSED, STOPPED, UrController
 from support.driven_cell import OPTIONS, find_host
+from support.waiting import wait_until
 
 FAMILIES = ["UR3", "UR3e", "UR5", "UR5e", "UR10", "UR10e"]
 
@@ -73,7 +76,7 @@ def test_a_robot_in_local_control_is_refused(connect):
 
 def test_each_safety_mode_in_which_it_stands_has_words():
     arm = object.__new__(UrArm)
-    arm._payload = 5.0
+    arm._payload, arm._is_local, arm._refusal = 5.0, False, ""
     for mode in (1, 2):
         assert arm._find_trouble(7, mode, 5.0) == ""
     for mode in range(3, 20):
@@ -97,9 +100,11 @@ class Receive:
 
 @pytest.mark.parametrize(("state", "program"), [(1, Program.STOPPED), (9, Program.RUNNING)])
 def test_of_a_program_whose_state_is_not_known_the_worst_is_assumed(state, program):
-    arm = object.__new__(UrArm)
-    arm._receive, arm._stamps, arm._payload = Receive(getRuntimeState=state), StampFilter(), 0.0
-    assert arm.read().program is program
+    with UrController(find_host()) as controller:
+        arm = make_arm(UrArm, controller)
+        arm._receive = Receive(getRuntimeState=state)
+        assert arm.read().program is program
+        arm._dashboard.close()
 
 
 class Slider:
@@ -109,24 +114,111 @@ class Slider:
         return True
 
 
+def make_arm(kind, controller):
+    """An arm that reads this controller without the client library."""
+    arm = object.__new__(kind)
+    arm._host, arm._deceleration, arm._stop_within = controller.host, 4.0, 0.5
+    arm._dashboard, arm._io = Dashboard(controller.host), Slider()
+    arm._stamps, arm._payload, arm._receive = StampFilter(), 0.0, Receive()
+    arm._is_local, arm._refusal, arm._next_question = False, "", 0.0
+    arm._receive.getTimestamp = lambda: time.monotonic() // 0.002 * 0.002
+    arm._receive.getRuntimeState = lambda: controller.program
+    arm._receive.getActualQd = lambda: controller.v.tolist()
+    return arm
+
+
+def read_trouble(arm, words):
+    """Read states until one has a trouble with these words; empty: none."""
+
+    def is_there():
+        state = arm.read()
+        return state is not None and (words in state.trouble if words else not state.trouble)
+
+    wait_until(is_there)
+
+
+@pytest.mark.hazard("H-19")
+def test_local_control_is_noticed_and_no_stop_is_claimed(monkeypatch):
+    monkeypatch.setattr("armguard.drivers.ur.QUESTION_INTERVAL", 0.1)
+    with UrController(find_host()) as controller:
+        arm = make_arm(UrProgramArm, controller)
+        read_trouble(arm, "")
+        controller.is_remote = False
+        read_trouble(arm, "is in local control and ignores pause and scripts: stop it by hand")
+        assert not arm.stop()
+        controller.is_remote = True
+        read_trouble(arm, "")
+        assert arm.stop()
+        arm._dashboard.close()
+
+
+@pytest.mark.parametrize(("question", "words"), [(0.0, "local control"), (math.inf, "")])
+def test_an_order_that_is_not_allowed_tells_of_local_control(question, words):
+    """But not of a controller that knows no such control."""
+    with UrController(find_host()) as controller:
+        arm = make_arm(UrProgramArm, controller)
+        arm._next_question = question
+        arm.read()
+        controller.is_remote = False
+        arm.pause()
+        time.sleep(0.1)
+        read_trouble(arm, words)
+        arm._dashboard.close()
+
+
+def test_a_program_that_does_not_go_on_is_told_until_somebody_starts_it():
+    with UrController(find_host()) as controller:
+        arm = make_arm(UrProgramArm, controller)
+        controller.program, play, controller.play = PAUSED, controller.play, lambda: False
+        arm.resume()
+        read_trouble(arm, "does not go on (Failed to execute: play)")
+        time.sleep(0.05)
+        read_trouble(arm, "does not go on")
+        play()
+        read_trouble(arm, "")
+        arm._dashboard.close()
+
+
+@pytest.fixture
+def leave():
+    """Has an arm of this kind leave a controller with these changes."""
+
+    def leave(kind, changes):
+        with UrController(find_host()) as controller:
+            wait_until(lambda: controller.pace > 0.9)
+            for name, value in changes.items():
+                setattr(controller, name, value)
+            arm = make_arm(kind, controller)
+            try:
+                arm.leave()
+            finally:
+                arm._dashboard.close()
+            assert controller.program in (PAUSED, STOPPED)
+            assert np.abs(controller.v).max() <= REST_SPEED
+
+    return leave
+
+
+@pytest.mark.hazard("H-20")
+@pytest.mark.parametrize("kind", [UrProgramArm, UrMotionArm])
+@pytest.mark.parametrize("changes", [{}, {"program": STOPPED}])
+def test_an_arm_rests_when_it_has_been_left(leave, kind, changes):
+    leave(kind, changes)
+
+
+@pytest.mark.hazard("H-20")
 @pytest.mark.parametrize(
-    ("change", "is_left"),
+    ("kind", "changes"),
     [
-        ({}, True),
-        ({"program": STOPPED}, True),
-        ({"is_remote": False}, False),
-        ({"_obey": "Failed to execute: {}".format}, False),
+        (UrProgramArm, {"obeys_pause": False}),
+        (UrProgramArm, {"is_remote": False}),
+        (UrProgramArm, {"_obey": "Failed to execute: {}".format}),
+        (UrMotionArm, {"is_remote": False}),
     ],
 )
-def test_a_program_that_is_not_paused_is_not_left_alone(change, is_left):
-    with UrController(find_host()) as controller:
-        for name, value in change.items():
-            setattr(controller, name, value)
-        arm = object.__new__(UrProgramArm)
-        arm._dashboard, arm._io = Dashboard(controller.host), Slider()
-        with contextlib.nullcontext() if is_left else pytest.raises(ArmLostError, match="pause"):
-            arm.leave()
-        arm._dashboard.close()
+def test_an_arm_that_is_not_seen_at_rest_is_not_left_alone(leave, kind, changes):
+    with pytest.raises(ArmLostError, match=r"not seen at rest 0\.5 s after"):
+        leave(kind, changes)
 
 
 class DeafControl:

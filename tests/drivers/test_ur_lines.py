@@ -59,6 +59,21 @@ def test_a_controller_that_refuses_or_is_not_there_is_told():
     assert not stop_by_script(host, 4.0)
 
 
+def test_a_controller_that_closes_at_once_has_taken_no_script():
+    host = find_host()
+    with socket.create_server((host, ur_lines.SCRIPT_PORT)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            connection.recv(100)
+            connection.close()
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        assert not stop_by_script(host, 4.0)
+        thread.join()
+
+
 @pytest.mark.parametrize("answer", [b"", b"\xff" * 10, b"\0\4V\0", b"HTTP/1.1 400 Bad Request"])
 def test_what_does_not_speak_rtde_is_told(answer):
     host = find_host()

@@ -149,6 +149,49 @@ def test_with_both_processes_dead_the_watchdog_of_the_controller_pauses_the_prog
         cell.process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.hazard("H-24")
+def test_a_program_that_ran_on_without_a_network_is_paused_until_a_person_starts_it(tmp_path):
+    with DrivenCell(tmp_path) as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        controller.refuses = True
+        controller.cut()
+        cell.wait_for("no order reaches the arm")
+        assert controller.program == PLAYING
+        controller.refuses = False
+        cell.wait_for("the driver was restarted: the program stays paused")
+        wait_until(lambda: controller.program == PAUSED)
+        time.sleep(0.5)
+        cell.play()
+        assert "play" not in [one.order for one in controller.received]
+
+
+@pytest.mark.hazard("H-19")
+def test_a_robot_in_local_control_is_slowed_and_paused_once_it_listens_again(tmp_path):
+    with DrivenCell(tmp_path, more="stop_within = 60.0") as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        controller.is_remote = False
+        cell.wait_for("is in local control and ignores pause and scripts: stop it by hand")
+        wait_until(lambda: controller.pace < 0.011)
+        controller.is_remote = True
+        cell.wait_for("the robot can be driven again")
+        wait_until(lambda: controller.program == PAUSED)
+        assert not cell.has("stopping it")
+
+
+@pytest.mark.hazard("H-20")
+def test_a_driver_that_ends_stops_a_program_that_does_not_pause_and_says_so(tmp_path):
+    with DrivenCell(tmp_path, more="stop_within = 3.0") as cell:
+        controller = cell.controller
+        cell.wait_until_moving()
+        controller.obeys_pause = False
+        assert cell.end() == 1
+        assert cell.has("not seen at rest 3 s after `pause`")
+        assert cell.has("the robot was lost: check that the arm is at rest")
+        wait_until(lambda: controller.program == STOPPED)
+
+
 def test_a_robot_that_cannot_be_driven_says_why_and_is_not_started_again(tmp_path):
     with DrivenCell(tmp_path, more="stop_within = 0.5") as cell:
         controller = cell.controller

@@ -6,6 +6,7 @@ from collections import deque
 
 import pytest
 
+from armguard.drivers import options as options_of_drivers
 from armguard.drivers import watch as watching
 from armguard.exceptions import ArmguardError
 from support.driven_cell import OPTIONS
@@ -81,6 +82,38 @@ def test_a_driver_that_is_told_to_end_has_not_been_lost(monkeypatch, tmp_path):
     ends = time.monotonic() + 0.3  # the trap is set by then
     report = watching.watch(OPTIONS, lines.append, lambda: time.monotonic() > ends, 10.0)
     assert (report.lost, lines) == (0, [])
+
+
+@pytest.mark.hazard("H-20")
+@pytest.mark.parametrize("ends", ["exit 3", "while :; do sleep 0.01; done"])
+def test_a_driver_that_does_not_end_with_the_arm_at_rest_is_a_problem(monkeypatch, tmp_path, ends):
+    pretend(monkeypatch, tmp_path, f"trap '{ends}' TERM\nwhile :; do sleep 0.01; done\n")
+    monkeypatch.setattr(watching, "stop_alone", lambda _: "")
+    monkeypatch.setattr(options_of_drivers, "END_TIMEOUT", 0.0)
+    ends_at = time.monotonic() + 0.3  # the trap is set by then
+
+    class Driver(watching._Driver):
+        def __init__(self, options):
+            super().__init__(options)
+            self.is_driving = True
+
+    monkeypatch.setattr(watching, "_Driver", Driver)
+    report = watching.watch(OPTIONS, lambda _: None, lambda: time.monotonic() > ends_at, 10.0)
+    assert "check that the arm is at rest" in report.problem
+
+
+def test_a_driver_that_brings_its_arm_to_rest_is_not_hanging(monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/true")
+    driver, report = watching._Driver(OPTIONS), watching.Report(watching.Counts())
+    try:
+        for word in (watching.DRIVING, watching.LEAVING):
+            watching._take(driver, word, "", report, lambda _: None, deque())
+        driver.heard = time.monotonic() - OPTIONS.stop_within
+        assert not driver.is_hanging
+        driver.heard -= 10.0
+        assert driver.is_hanging
+    finally:
+        driver.close()
 
 
 def test_a_measurement_that_arrives_in_part_is_a_problem(monkeypatch):

@@ -256,7 +256,9 @@ class DrivenCell(DriverProcess):
     def wait_until_driving(self, other_than=None):
         """Return when a driver is connected that is another one than that process."""
         wait_until(lambda: self.find_driver() not in (None, other_than))
-        wait_until(lambda: self.controller.clients == 1 and self.controller.slider == 1.0)
+        wait_until(lambda: self.controller.clients == 1)
+        seen = len(self.monitor.states)
+        wait_until(lambda: len(self.monitor.states) > seen + 10 and self.controller.slider == 1.0)
 
     def play(self):
         """Somebody starts the program on the robot, which then runs."""

@@ -462,6 +462,7 @@ class UrController:
     async def _serve_script(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
+        writer.write(b"\0" * 16)  # in place of its states, which no client reads
         while line := (await reader.readline()).decode():
             stop = re.fullmatch(r"\s*stopj\(([\d.]+)\)\s*", line)
             if stop and not self.is_frozen and self.is_remote:
