@@ -33,6 +33,10 @@ class TrajectoryConduct(MotionConduct):
         cause = moment.hindrance or self._obedience.decide(moment.verdict, moment.now).cause
         self._sender.report(moment.verdict if cause in ("", "STOP") else None, cause)
 
+    def _find_excess(self, q: Array, now: float) -> Array:
+        """None: the robot follows its trajectory in a pause as well."""
+        return np.zeros(len(q))
+
     def _take_up(self, command: CommandMessage, order: NDArray[np.intp], moment: Moment) -> None:
         before = self._followed
         super()._take_up(command, order, moment)

@@ -105,6 +105,7 @@ class RestoredRobot(Robot):
         count = len(self.joints)
         for name in LIMITS:
             setattr(self, name, _read(data[name], (count,)))
+        self.rest_velocity_error = self.velocity_error
         self.model.lowerPositionLimit = self.lower_position_limit
         self.model.upperPositionLimit = self.upper_position_limit
         self.model.velocityLimit = self.velocity_limit

@@ -113,6 +113,8 @@ class Robot:
         upper_position_limit: Upper position limits in [rad] or [m]; inf for a continuous joint.
         position_error: Greatest errors of measured positions, in [rad] or [m].
         velocity_error: Greatest errors of measured velocities, in [rad]/[s] or [m]/[s].
+        rest_velocity_error: The same of joints at rest, for which it does not matter when they were
+            measured: an error of the clock adds to `velocity_error` alone.
         published_operating_limits: Published operating limits of its controller; None if its
             robot.toml has none.
         drawn_links: Names of the links with visual but without collision geometry: they are not
@@ -141,6 +143,7 @@ class Robot:
         self.brakes = Brakes(self.joints, description.brake_entries())
         self.position_error = _read_only(entry.position_error for entry in entries)
         self.velocity_error = _read_only(entry.velocity_error for entry in entries)
+        self.rest_velocity_error = self.velocity_error
         self.published_operating_limits = _read_published(
             description.operating.published, self.joints
         )

@@ -123,10 +123,13 @@ class Shield:
         self._piece: _Piece | None = None
         self._now = 0.0
         self._has_left = False
-        self._at_rest = robot.velocity_error + self._errors[1]
+        at_rest = robot.rest_velocity_error
+        self._at_rest = at_rest + self._errors[1]
         self._error = error = robot.position_error + self._errors[0]
-        # As slow as an arm at rest may be, it leaves where it was measured by these errors in time.
-        self._oldest = float((error / self._at_rest).min())
+        # An arm that is measured as slow as one at rest is faster by an error at most. In this time
+        # it goes no farther than a plan allows beside the error of its measured position, which
+        # covers errors of the stamp.
+        self._oldest = float((self._errors[0] / (self._at_rest + at_rest)).min())
         self._within = robot.lower_position_limit - error, robot.upper_position_limit + error
         self._continuous = find_continuous(robot.lower_position_limit, robot.upper_position_limit)
         empty = np.empty((0, joints))
@@ -209,12 +212,19 @@ class Shield:
             return self._go_on(verdict, _refuse("now", "is not a finite number"))
         now = self._now = float(time)
         measured = time if stamp is None else _read_numbers(stamp)
-        is_old = measured is None or not bool(np.all(now - measured <= self._oldest))
+        age = math.inf if measured is None else float(np.max(now - measured, initial=-math.inf))
+        is_old = not age <= self._oldest
         piece = self._find_piece(now, q, v, verdict, is_old=is_old)
         if self._payload != self._monitor.payload and (piece is None or piece.end <= now):
             self._follow_payload()
         reason = self._choose_task(velocity, chunk)
         if piece is None:
+            if is_old:
+                unknown = _refuse(
+                    "joint state",
+                    f"is {age:.3g} s old: where the arm rests is known for {self._oldest:.3g} s",
+                )
+                return self._go_on(verdict, reason or unknown)
             unknown = _refuse("arm", "has no known position of rest")
             return self._go_on(verdict, reason or find_weightiest(verdict.reasons) or unknown)
         begin, is_new = now + self._latency, False
@@ -320,7 +330,8 @@ class Shield:
         its measured position counts. If that position agrees with the end of the motion within
         errors, the end still counts, so that the arm does not creep with each measurement. Joint
         states that the monitor does not believe do not count until a reset, and neither do old
-        ones: an arm that was slow then may have moved on. No motion begins beyond position limits.
+        ones: an arm that was slow then may have moved on. An error of the stamps makes no moving
+        arm count as one at rest. No motion begins beyond position limits.
         """
         piece = self._piece
         if piece is not None:

@@ -233,6 +233,32 @@ def test_an_arm_that_rests_far_off_is_led_nowhere(made):
     assert made.arm.followed == []
 
 
+@pytest.mark.parametrize("pause", [0.004, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25])
+@pytest.mark.parametrize("is_joined", [False, True])
+def test_after_a_pause_the_arm_jumps_nowhere(made, pause, is_joined):
+    one = made.begin(goal=2)
+    fastest, usual = 2.0 * SPEED, 0.002
+    while move(made.now - one.stamp)[1] < 0.9 * fastest:
+        made.act()
+    last = place(made)
+    made.act(command(made.now + pause, 3, begun=one.stamp) if is_joined else None, after=pause)
+    assert place(made) - last <= fastest * min(pause, 0.01) + 1e-9
+    is_braked = "brake" in made.arm.orders
+    assert is_braked == (pause >= 0.1), "it is too far behind"
+    assert ("too far behind its motion" in made.read()) == is_braked
+    for k in range(int(0.5 / usual)):
+        last = place(made)
+        made.act(command(made.now + usual, 4 + k, begun=one.stamp))
+        assert place(made) - last <= usual * (fastest + APPROACH) + 1e-9
+    if is_braked:
+        assert made.arm.orders.count("brake") == 1
+        assert place(made) == last, "it waits for another goal"
+    else:
+        for _ in range(2000):
+            made.act()
+        assert place(made) == pytest.approx(SPEED * DURATION), "it gets there all the same"
+
+
 @pytest.mark.hazard("H-19")
 def test_an_arm_that_does_not_brake_is_lost(made):
     made.begin()

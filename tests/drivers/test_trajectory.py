@@ -99,6 +99,16 @@ def test_each_motion_is_sent_as_it_is_and_rest_is_not_repeated():
     assert len(made.arm.sent) == sent, "an arm that rests is told nothing"
 
 
+def test_a_pause_of_the_states_shifts_no_motion():
+    made = Made()
+    made.act(rest(made.now + 0.01, 1))
+    begun = made.now + 0.01
+    for k, after in enumerate((0.01, 0.01, 0.3, 0.01)):
+        made.act(command(made.now + after, 2 + k, 2, begun), after)
+        assert made.arm.at(made.now)[0] == pytest.approx(HOME[0] + move(made.now - begun)[0])
+    assert len(made.arm.sent) == 4
+
+
 def test_an_arm_that_rests_off_a_command_is_led_to_it_without_a_jump():
     made = Made()
     made.act(rest(made.now + 0.01, 1))

@@ -1,10 +1,13 @@
 """The whole of a driver: processes, the maker's client library, and a simulated controller."""
 
+import contextlib
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -22,14 +25,17 @@ from armguard.lab.simulation.ur_controller import (
     STOPPED,
     UrController,
 )
+from armguard.streams.nodes import Publisher, VerdictReader
 from armguard.verdict import Level
 from support.driven_cell import OPTIONS, DrivenCell, find_host
 from support.shield_commands import DURATION, SPEED, Pauses, command, move
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 pytest.importorskip("rtde_receive", reason="ur-rtde is not installed")
 
 NAMES = list(JOINTS)
+
+DEMO = Path(__file__).parents[2] / "demos/ur5e_shield.toml"
 
 
 def test_a_program_runs_while_verdicts_allow_it(tmp_path):
@@ -307,6 +313,43 @@ def test_the_commands_of_a_shield_are_followed_and_nothing_else_moves_the_arm(tm
         controller.is_frozen = True
         cell.process.kill()
         wait_until(lambda: not os.path.exists(f"/proc/{driver}/exe"))
+
+
+def test_the_demo_of_a_shield_moves_a_simulated_arm_to_its_goal(tmp_path):
+    host = find_host()
+    cell = tmp_path / "cell.toml"
+    cell.write_text(DEMO.read_text().replace("127.0.0.1", host))
+    places = {name: f"ipc://{tmp_path}/{name}" for name in ("joints", "obstacles", "verdicts")}
+    addresses = [text for name, place in places.items() for text in (f"--{name}", place)]
+    controller = UrController(host, "UR5e")
+    controller.program = STOPPED  # so that it rests until the driver's own program runs
+    with contextlib.ExitStack() as opened:
+        opened.enter_context(controller)
+        for command_name in ("shield", "drive"):
+            one = [sys.executable, "-m", "armguard", command_name, str(cell), *addresses]
+            process = opened.enter_context(
+                subprocess.Popen(one, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+            )
+            opened.callback(process.kill)
+        publisher = opened.enter_context(Publisher(places["joints"]))
+        reader = opened.enter_context(VerdictReader(places["verdicts"]))
+        assert publisher.wait(5.0 * PATIENCE), "its kernels may have to be compiled first"
+        wait_until(lambda: reader.latest(0.1) and reader.command and reader.command.times)
+        goal = controller.q + np.array([0.3, 0.0, -0.2, 0.0, 0.0, 0.5])
+        pauses, again = Pauses(), 0.0
+
+        def has_arrived():
+            # A busy machine may hold the driver up so long that it brakes and wants another goal.
+            nonlocal again
+            if time.monotonic() > again:
+                pauses.wait()
+                path = np.stack([controller.q, goal])
+                publisher.goal(time.monotonic() + PATIENCE, JOINTS, paths=[(path, None)])
+                again = time.monotonic() + 10.0
+            reader.latest()
+            return np.abs(controller.q - goal).max() < 0.01
+
+        wait_until(has_arrived)
 
 
 @pytest.mark.hazard("H-15")

@@ -8,7 +8,7 @@ from armguard.robot import Robot
 from armguard.shield import Path, Shield
 from armguard.shield.shield import LEAST_GRAIN
 from armguard.verdict import BRAKE, FINISH, Level
-from support.shielded_arm import HOME, RATE, ShieldedArm
+from support.shielded_arm import HOME, JERK, RATE, ShieldedArm
 
 NEAR = np.array([0.5, 0.1, 0.0, 0.1, 0.0, 0.2, 0.0])
 
@@ -392,6 +392,20 @@ def test_an_arm_is_not_taken_to_be_where_it_was_a_while_ago():
         arm.now += 1.0 / RATE
     arm.see()
     assert arm.shield.step(arm.now, HOME, still, arm.now - 0.01, velocity=NEAR).is_new
+
+
+def test_an_error_of_the_clock_neither_ages_a_resting_arm_nor_makes_a_moving_one_rest():
+    arm = ShieldedArm(0, balls=0)
+    robot = arm.monitor.robot
+    robot.velocity_error = robot.velocity_error + 1e-3 * robot.acceleration_limit
+    arm.shield = Shield(arm.monitor, jerk=JERK, rate=RATE)
+    arm.see()
+    for age, speed, moves in ((0.004, 0.2, False), (0.3, 0.0, False), (0.004, 0.0, True)):
+        arm.shield.reset()
+        speeds = np.full(7, speed)
+        command = arm.shield.step(arm.now, HOME, speeds, arm.now - age, velocity=NEAR)
+        assert command.is_new is moves
+        assert ("joint state (is 0.3 s old" in str(command.reason)) is (age == 0.3)
 
 
 @pytest.mark.parametrize("wrong", [{"off": 1.0}, {"off": np.nan}, {"late": 0.5}])

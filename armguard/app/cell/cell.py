@@ -644,7 +644,8 @@ def _allow_clock_error(robot: Robot, clock_error: float) -> None:
 
     A state measured up to `clock_error` before or after its stamp differs from the state at the
     stamp by at most this motion. It would be unsafe to count the state as older instead: an arm
-    that recedes from an obstacle would be assumed farther away than it is.
+    that recedes from an obstacle would be assumed farther away than it is. At rest, the velocity
+    is the same at all times, so that error stays.
     """
     fastest = robot.velocity_limit + robot.velocity_error
     robot.position_error = robot.position_error + fastest * clock_error

@@ -437,6 +437,7 @@ def test_a_clock_error_of_the_joints_widens_their_errors():
     np.testing.assert_allclose(
         robot.velocity_error, known.velocity_error + 0.004 * known.acceleration_limit
     )
+    np.testing.assert_array_equal(robot.rest_velocity_error, known.velocity_error)
     assert not robot.position_error.flags.writeable
     # States that differ by what joints do in twice that time are no jump.
     moved = np.array(READY) + 1.9 * 0.004 * known.velocity_limit
